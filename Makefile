@@ -1,0 +1,192 @@
+# Palpate: `make help` lists the targets. Out-of-source: everything is built below $(BUILD).
+
+VERSION := 0.1.0
+ABI     := 0
+CC      ?= gcc
+BUILD   ?= build
+PREFIX  ?= /usr/local
+prefix  ?= $(PREFIX)
+DESTDIR ?=
+# plain | asan | ubsan | tsan | coverage; the asan, ubsan, tsan targets set it
+VARIANT ?= plain
+# make test T=mls runs only the tests whose name contains "mls"
+T       ?=
+JOBS    ?= $(shell nproc 2>/dev/null || echo 2)
+
+# ---- The one list of Debian packages ---------------------------------------------------------
+# Needed to build, run the demo and run all tests (`make deps` installs what is missing).
+PACKAGES := gcc libc6-dev make pkg-config \
+	libhdf5-dev hdf5-tools \
+	libsuitesparse-dev libopenblas-dev liblapacke-dev libarpack2-dev \
+	libgmsh-dev libassimp-dev libyaml-dev \
+	libjansson-dev libcmocka-dev \
+	libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri libpng-dev libgif-dev \
+	libcairo2-dev fonts-dejavu-core libglfw3-dev libcglm-dev xvfb xauth \
+	gnuplot-nox rt-tests
+# Needed only by check, lint, format, fuzz, docs and the load of some benches.
+PACKAGES_CHECK := clang clang-format clang-tidy cppcheck valgrind libclang-rt-14-dev doxygen stress-ng
+
+# ---- Flags -----------------------------------------------------------------------------------
+# -ffp-contract=off: a fused multiply-add rounds once where a*b+c rounds twice. Whether the compiler
+# fuses depends on compiler, level and target, so forces would differ between builds of the same
+# source; the tick promises the same bits everywhere. Kernels that want FMA ask for it by intrinsic,
+# in every variant.
+STD      := -std=c17 -D_GNU_SOURCE -DPALPATE_VERSION='"$(VERSION)"'
+WARN     := -Wall -Wextra -Wpedantic -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla -Wundef \
+            -Wcast-qual -Wwrite-strings -Wdouble-promotion -Wformat=2 -Wpointer-arith -Wnull-dereference
+OPT      ?= -O2 -g
+CFLAGS   ?=
+WERROR   ?= -Werror
+FPFLAGS  := -ffp-contract=off -fno-math-errno
+SANITIZE_asan     := -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
+SANITIZE_ubsan    := -fsanitize=undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
+SANITIZE_tsan     := -fsanitize=thread -fno-omit-frame-pointer
+SANITIZE_coverage := --coverage -O0
+SANITIZE := $(SANITIZE_$(VARIANT))
+ifneq ($(VARIANT),plain)
+# warnings that sanitizer instrumentation makes up must not stop a sanitizer build
+WERROR   :=
+endif
+
+ONLINE_PC  := hdf5-serial
+OFFLINE_PC := yaml-0.1 assimp lapacke openblas
+PROGRAM_PC := jansson epoxy egl libpng cairo glfw3 cglm
+pc-cflags   = $(shell pkg-config --cflags $(1) 2>/dev/null)
+pc-libs     = $(shell pkg-config --libs $(1) 2>/dev/null)
+
+ALL_CFLAGS   = $(STD) $(WARN) $(WERROR) $(OPT) $(FPFLAGS) $(SANITIZE) -fPIC -fvisibility=hidden \
+               -pthread -Iinclude -I. $(CFLAGS)
+ONLINE_LIBS  = $(call pc-libs,$(ONLINE_PC)) -lpthread -lm
+OFFLINE_LIBS = -lumfpack -lcholmod -lamd -lcolamd -lccolamd -lcamd -lsuitesparseconfig -larpack \
+               $(call pc-libs,$(OFFLINE_PC)) -lpthread -lm
+PROGRAM_LIBS = $(call pc-libs,$(PROGRAM_PC)) -lgif -ldl -lpthread -lm
+MESHER_LIBS  = -lgmsh -lm
+
+# ---- Sources: a folder is a component --------------------------------------------------------
+ONLINE_SRC  := $(wildcard haptic/*.c)
+OFFLINE_SRC := $(wildcard src/*.c)
+MESHER_SRC  := $(wildcard src/mesher/*.c)
+VIEW_SRC    := $(wildcard haptic/view/*.c)
+PROGRAM_SRC := $(wildcard haptic/program/*.c)
+TEST_SRC    := $(wildcard tests/*/test_*.c)
+TEST_AUX    := $(filter-out $(TEST_SRC),$(wildcard tests/support/*.c))
+TEST_SH     := $(wildcard tests/*/test_*.sh)
+BENCH_SRC   := $(filter-out bench/common.c,$(wildcard bench/*.c))
+
+obj = $(patsubst %.c,$(BUILD)/obj/%.o,$(1))
+ONLINE_OBJ  := $(call obj,$(ONLINE_SRC))
+OFFLINE_OBJ := $(call obj,$(OFFLINE_SRC))
+MESHER_OBJ  := $(call obj,$(MESHER_SRC))
+VIEW_OBJ    := $(call obj,$(VIEW_SRC))
+PROGRAM_OBJ := $(call obj,$(PROGRAM_SRC))
+TEST_BIN    := $(patsubst %.c,$(BUILD)/%,$(TEST_SRC))
+BENCH_BIN   := $(patsubst bench/%.c,$(BUILD)/bench/%,$(BENCH_SRC))
+
+LIB_A      := $(BUILD)/libpalpate.a
+LIB_SO     := $(BUILD)/libpalpate.so.$(ABI)
+OFFLINE_A  := $(BUILD)/libpalpate-offline.a
+OFFLINE_SO := $(BUILD)/libpalpate-offline.so.$(ABI)
+VIEW_A     := $(BUILD)/libpalpate-view.a
+PROGRAM    := $(if $(PROGRAM_SRC),$(BUILD)/palpate)
+MESHER     := $(if $(MESHER_SRC),$(BUILD)/palpate-mesher)
+OFFLINE    := $(if $(OFFLINE_SRC),$(OFFLINE_A) $(OFFLINE_SO))
+
+.DEFAULT_GOAL := all
+.PHONY: all help deps deps-check demo test check bench install uninstall clean format lint docs \
+        asan ubsan tsan coverage build-all build-tests run-tests print-config
+
+all: build-all ## build libraries and programs
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-zA-Z_-]+:.*## /{printf "  %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@echo "  variables: BUILD=$(BUILD) PREFIX=$(PREFIX) VARIANT=$(VARIANT) OPT='$(OPT)' T='$(T)'"
+
+print-config: ## show compiler, flags and library versions
+	@echo "version $(VERSION), ABI $(ABI), $(shell $(CC) --version | head -1)"
+	@echo "CFLAGS  $(ALL_CFLAGS)"
+	@for p in $(ONLINE_PC) $(OFFLINE_PC) $(PROGRAM_PC); do \
+		echo "$$p $$(pkg-config --modversion $$p 2>/dev/null || echo missing)"; done
+
+# ---- Set-up ----------------------------------------------------------------------------------
+deps: ## install missing Debian packages (root or sudo)
+	@sh .ci/deps.sh $(PACKAGES)
+
+deps-check: ## the same for lint, format, sanitizers and docs
+	@sh .ci/deps.sh $(PACKAGES) $(PACKAGES_CHECK)
+
+# ---- Build -----------------------------------------------------------------------------------
+build-all: $(LIB_A) $(LIB_SO) $(OFFLINE) $(MESHER) $(PROGRAM)
+
+# per-component include flags
+$(ONLINE_OBJ): EXTRA = $(call pc-cflags,$(ONLINE_PC))
+$(OFFLINE_OBJ): EXTRA = $(call pc-cflags,$(OFFLINE_PC)) -isystem /usr/include/suitesparse
+$(VIEW_OBJ) $(PROGRAM_OBJ): EXTRA = $(call pc-cflags,$(PROGRAM_PC))
+
+$(BUILD)/obj/%.o: %.c
+	@mkdir -p $(@D)
+	$(CC) $(ALL_CFLAGS) $(EXTRA) -MMD -MP -c $< -o $@
+
+# archives are made anew: a removed source must not live on in them
+$(LIB_A): $(ONLINE_OBJ)
+	rm -f $@ && ar rcs $@ $^
+$(OFFLINE_A): $(OFFLINE_OBJ)
+	rm -f $@ && ar rcs $@ $^
+$(VIEW_A): $(VIEW_OBJ)
+	rm -f $@ && ar rcs $@ $^
+
+RPATH := -Wl,--enable-new-dtags -Wl,-rpath,'$$ORIGIN:$$ORIGIN/../lib'
+$(LIB_SO): $(ONLINE_OBJ)
+	$(CC) $(SANITIZE) -shared -Wl,-soname,libpalpate.so.$(ABI) -Wl,--no-undefined $(RPATH) $^ $(ONLINE_LIBS) $(LDFLAGS) -o $@
+	ln -sf libpalpate.so.$(ABI) $(BUILD)/libpalpate.so
+$(OFFLINE_SO): $(OFFLINE_OBJ) $(LIB_SO)
+	$(CC) $(SANITIZE) -shared -Wl,-soname,libpalpate-offline.so.$(ABI) -Wl,--no-undefined $(RPATH) $(OFFLINE_OBJ) -L$(BUILD) -l:libpalpate.so.$(ABI) $(OFFLINE_LIBS) $(LDFLAGS) -o $@
+	ln -sf libpalpate-offline.so.$(ABI) $(BUILD)/libpalpate-offline.so
+
+ifneq ($(MESHER),)
+$(MESHER): $(MESHER_OBJ)
+	$(CC) $(SANITIZE) $^ $(MESHER_LIBS) $(LDFLAGS) -o $@
+endif
+ifneq ($(PROGRAM),)
+$(PROGRAM): $(PROGRAM_OBJ) $(VIEW_A) $(LIB_SO) $(OFFLINE_SO)
+	$(CC) $(SANITIZE) -rdynamic $(RPATH) $(PROGRAM_OBJ) $(VIEW_A) -L$(BUILD) -l:libpalpate.so.$(ABI) $(PROGRAM_LIBS) $(ONLINE_LIBS) $(LDFLAGS) -o $@
+endif
+
+# ---- Tests: every tests/*/test_*.c is a cmocka program, every test_*.sh prints TAP --------------
+TEST_AUX_OBJ := $(call obj,$(TEST_AUX))
+$(call obj,$(TEST_SRC) $(TEST_AUX)): EXTRA = $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) $(PROGRAM_PC)) -isystem /usr/include/suitesparse
+$(TEST_BIN): $(BUILD)/tests/%: $(BUILD)/obj/tests/%.o $(TEST_AUX_OBJ) $(VIEW_A) $(OFFLINE_A) $(LIB_A)
+	@mkdir -p $(@D)
+	$(CC) $(SANITIZE) $(filter %.o,$^) $(VIEW_A) $(OFFLINE_A) $(LIB_A) -lcmocka $(ONLINE_LIBS) $(OFFLINE_LIBS) $(PROGRAM_LIBS) $(LDFLAGS) -o $@
+
+build-tests: build-all $(TEST_BIN)
+run-tests: build-tests
+	@BUILD=$(BUILD) VARIANT=$(VARIANT) CC="$(CC)" JOBS=$(JOBS) sh tests/run.sh "$(T)" $(TEST_BIN) $(TEST_SH)
+
+test: deps ## install what is missing, build, run all tests
+	@$(MAKE) --no-print-directory -j$(JOBS) run-tests
+
+asan: ## build and run the tests with AddressSanitizer and UBSan
+	@$(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=asan BUILD=$(BUILD)/asan
+ubsan: ## build and run the tests with UBSan
+	@$(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=ubsan BUILD=$(BUILD)/ubsan
+tsan: ## build and run the tests with ThreadSanitizer
+	@$(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=tsan BUILD=$(BUILD)/tsan
+
+# ---- Benches ---------------------------------------------------------------------------------
+BENCH_AUX := $(call obj,$(wildcard bench/common.c))
+$(call obj,$(BENCH_SRC) $(wildcard bench/common.c)): EXTRA = $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) jansson) -isystem /usr/include/suitesparse
+$(BENCH_BIN): $(BUILD)/bench/%: $(BUILD)/obj/bench/%.o $(BENCH_AUX) $(OFFLINE_A) $(LIB_A)
+	@mkdir -p $(@D)
+	$(CC) $(SANITIZE) $(filter %.o,$^) $(OFFLINE_A) $(LIB_A) $(ONLINE_LIBS) $(OFFLINE_LIBS) -ljansson $(LDFLAGS) -o $@
+bench: deps ## build and run every bench (long)
+	@$(MAKE) --no-print-directory -j$(JOBS) build-all $(BENCH_BIN)
+	@for b in $(BENCH_BIN); do echo "== $$b"; $$b || exit 1; done
+bench-%: ## build and run one bench, e.g. make bench-tick
+	@$(MAKE) --no-print-directory -j$(JOBS) build-all $(BUILD)/bench/$*
+	@mkdir -p bench/results && $(BUILD)/bench/$* $(ARGS)
+
+# ---- Tidy ------------------------------------------------------------------------------------
+clean: ## remove everything built
+	rm -rf $(BUILD)
+
+-include $(shell find $(BUILD)/obj -name '*.d' 2>/dev/null)

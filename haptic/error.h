@@ -1,0 +1,16 @@
+/// @file error.h  Filling the caller's error buffer (private to Palpate's own libraries).
+#ifndef PALPATE_HAPTIC_ERROR_H
+#define PALPATE_HAPTIC_ERROR_H
+
+#include <palpate/status.h>
+
+/// Write `status` and a printf message into `error` (may be NULL). @return status, so that
+/// `return pal_fail(error, PALPATE_ERROR_X, "...")` reads well. Exported for libpalpate-offline.
+PALPATE_API pal_status pal_fail(pal_error *error, pal_status status, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
+/// Put "prefix: " in front of the message already there. @return error->status (or `status` if NULL).
+PALPATE_API pal_status pal_fail_prefix(pal_error *error, pal_status status, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
+#endif

@@ -1,0 +1,81 @@
+/// @file model.h  The model's memory layout (private: engine, file format, offline stage).
+///
+/// The offline stage fills a pal_model made by pal_model_new(); from then on it is immutable.
+/// Every array is owned by the model and freed by pal_model_free(). SI units, body frame.
+#ifndef PALPATE_HAPTIC_MODEL_H
+#define PALPATE_HAPTIC_MODEL_H
+
+#include <stdint.h>
+
+#include <palpate/model.h>
+
+enum { PALPATE_NODE_FIXED = 1, PALPATE_NODE_TOUCHABLE = 2 };
+
+/// A named set of column nodes that `press` displaces together.
+typedef struct pal_patch {
+    char name[PALPATE_NAME_MAX];
+    int32_t count;
+    int32_t *column; ///< indices into column_node, shape [count], ascending
+} pal_patch;
+
+typedef struct pal_probe {
+    char name[PALPATE_NAME_MAX];
+    double position[3]; ///< [m]
+} pal_probe;
+
+/// The render mesh and its weights on surface nodes: u(vertex) = sum_k weight_k u(row_k).
+enum { PALPATE_SKIN_WEIGHTS = 8 };
+
+struct pal_model {
+    pal_model_info info; ///< counts and facts; the counts below are those of `info`
+    pal_runtime_config runtime;
+
+    double *position;    ///< (node_count x 3) [m]; surface nodes first
+    double *normal;      ///< (surface_count x 3) unit, outward
+    double *area_vector; ///< (surface_count x 3) tributary area vector [m^2]
+    int32_t *triangle;   ///< (triangle_count x 3) surface nodes, outward counter-clockwise
+    uint8_t *node_flags; ///< (node_count) PALPATE_NODE_*
+
+    int32_t *column_node; ///< (column_count) node of each column triple, ascending
+    int32_t *row_node;    ///< (row_count) node of each stored row triple, ascending
+
+    /// Stored C_TT (3t x 3t) [m/N], column-major, ld = 3t; symmetric when certificate.symmetrized.
+    double *c_tt;
+    /// Stored rows C_ST (3s x 3t) [m/N] in `precision`, column-major; the column of dof j starts at
+    /// element j * row_ld; row_ld >= 3s is a multiple of 64 bytes; base 64-byte aligned; padding 0.
+    void *c_st;
+    int64_t row_ld;
+    /// Probe rows (3 probe_count x 3t) [m/N], column-major, ld = 3 probe_count.
+    double *probe_row;
+
+    pal_patch *patch; ///< (patch_count)
+    pal_probe *probe; ///< (probe_count)
+
+    int32_t skin_triangle_count;
+    double *skin_position;  ///< (skin_count x 3)
+    int32_t *skin_triangle; ///< (skin_triangle_count x 3)
+    int32_t *skin_row;      ///< (skin_count x PALPATE_SKIN_WEIGHTS) index into row_node; -1: unused
+    float *skin_weight;     ///< (skin_count x PALPATE_SKIN_WEIGHTS)
+
+    char *scene_text; ///< canonical scene (with defaults), NUL-terminated; may be NULL
+};
+
+/// An empty model (all zero). Exported for libpalpate-offline.
+PALPATE_API pal_model *pal_model_new(void);
+
+/// Bytes of one element of c_st.
+PALPATE_API size_t pal_precision_size(pal_precision precision);
+
+/// Allocate c_st for info.row_count, info.column_count, info.precision and set row_ld (zeroed).
+PALPATE_API pal_status pal_model_alloc_rows(pal_model *model, pal_error *error);
+
+/// Convert `count` doubles into the storage precision (round to nearest even; half: saturating to
+/// the largest finite value is NOT done, overflow is PALPATE_ERROR_ARGUMENT).
+PALPATE_API pal_status pal_precision_store(pal_precision precision, const double *in, int64_t count,
+                                           void *out);
+PALPATE_API void pal_precision_load(pal_precision precision, const void *in, int64_t count, double *out);
+
+/// Check every count, index range, and finiteness of a model (after load and after build).
+PALPATE_API pal_status pal_model_check(const pal_model *model, pal_error *error);
+
+#endif

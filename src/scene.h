@@ -1,0 +1,119 @@
+/// @file scene.h  The scene in memory, after loading and checking (private to the offline library).
+#ifndef PALPATE_SRC_SCENE_H
+#define PALPATE_SRC_SCENE_H
+
+#include <stdint.h>
+
+#include <palpate/model.h>
+#include <palpate/scene.h>
+#include <palpate/tool.h>
+
+#include "src/discretization.h"
+
+typedef enum pal_geometry_kind {
+    PALPATE_GEOMETRY_BOX, PALPATE_GEOMETRY_SPHERE, PALPATE_GEOMETRY_HEMISPHERE, PALPATE_GEOMETRY_FILE
+} pal_geometry_kind;
+
+/// Where a value stands in the scene, for located errors after loading. "file:line:column: key".
+typedef struct pal_place {
+    int32_t line, column;  ///< 1-based; 0: given by --set or by default
+    char key[128];         ///< dotted path, e.g. "body.patches.pole"
+} pal_place;
+
+typedef struct pal_geometry {
+    pal_geometry_kind kind;
+    double size[3];    ///< box [m]
+    double center[3];  ///< box and sphere [m]; default 0
+    double radius;     ///< sphere, hemisphere [m]
+    char path[1024];   ///< file: absolute
+    double scale;      ///< metres per file unit
+    pal_place place;
+} pal_geometry;
+
+typedef enum pal_selector_kind {
+    PALPATE_SELECT_ALL, PALPATE_SELECT_BALL, PALPATE_SELECT_BOX, PALPATE_SELECT_BELOW, PALPATE_SELECT_ABOVE
+} pal_selector_kind;
+
+/// A selector on surface nodes of the rest shape; inclusive with a tolerance of 1e-6 body sizes.
+typedef struct pal_selector {
+    pal_selector_kind kind;
+    double center[3], radius;  ///< ball
+    double low[3], high[3];    ///< box
+    int32_t axis;              ///< below/above: 0, 1, 2
+    double value;              ///< below/above
+    pal_place place;
+} pal_selector;
+
+typedef struct pal_selector_list {
+    int32_t count;
+    pal_selector *item;
+} pal_selector_list;
+
+typedef struct pal_scene_patch {
+    char name[PALPATE_NAME_MAX];
+    pal_selector_list where;
+    double rim_spacing; ///< [m]; negative: auto (about 1/14 of the patch's radius); 0: no rim
+    pal_place place;
+} pal_scene_patch;
+
+typedef enum pal_refine_kind { PALPATE_REFINE_BALL, PALPATE_REFINE_RIM } pal_refine_kind;
+typedef struct pal_refine {
+    pal_refine_kind kind;
+    double center[3], radius;   ///< ball
+    char rim[PALPATE_NAME_MAX]; ///< rim: patch name
+    double spacing;             ///< [m]
+    pal_place place;
+} pal_refine;
+
+typedef enum pal_store_rows { PALPATE_STORE_NONE, PALPATE_STORE_SURFACE, PALPATE_STORE_ALL } pal_store_rows;
+
+struct pal_scene {
+    char path[1024];    ///< scene file, absolute
+    pal_geometry geometry;
+    double spacing;     ///< [m]
+    double grading;     ///< growth of the spacing per unit distance from a refined zone
+    int32_t refine_count;
+    pal_refine *refine;
+    double young, poisson, density;
+    pal_place young_place, poisson_place;
+    pal_selector_list fixed;
+    pal_place fixed_place;
+    pal_selector_list touchable;
+    pal_place touchable_place;
+    int32_t patch_count;
+    pal_scene_patch *patch;
+    int32_t probe_count;
+    struct { char name[PALPATE_NAME_MAX]; double position[3]; pal_place place; } *probe;
+    pal_method method;
+    int32_t symmetrize;      ///< repair: 1 symmetrize, 0 none, 2 positive
+    int32_t certify_warn;    ///< certify: warn -> 1 (write a model that fails), strict -> 0
+    pal_store_rows store_rows;
+    pal_precision precision;
+    double store_tolerance;  ///< 0: none
+    pal_runtime_config runtime;
+    char *canonical;         ///< canonical text of the physics part with all defaults (hashed)
+    int32_t warning_count;
+    char **warning;
+};
+
+/// Format "file:line:column: key" of a place into `out`. @return out
+char *pal_place_text(const pal_scene *scene, const pal_place *place, char *out, size_t size);
+
+/// Add a warning to the scene (located). Returns PALPATE_OK or _MEMORY.
+pal_status pal_scene_warn(pal_scene *scene, const pal_place *place, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
+/// 1 when a point (physical coordinates) is selected by any selector of the list.
+int pal_select(const pal_selector_list *list, const double x[3], double body_size);
+
+/// Build the node cloud of a scene (geometry.c, cloud_build.c; starts the mesher process).
+/// @param[out] rest_skin  may be NULL; see struct
+typedef struct pal_skin_source {
+    int32_t vertex_count, triangle_count;
+    double *position;   ///< (vertex_count x 3) [m], physical
+    int32_t *triangle;  ///< (triangle_count x 3)
+} pal_skin_source;
+pal_status pal_cloud_build(const pal_scene *scene, const pal_progress *progress, pal_cloud *cloud,
+                           pal_skin_source *skin, pal_error *error);
+
+#endif
