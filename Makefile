@@ -11,6 +11,9 @@ DESTDIR ?=
 VARIANT ?= plain
 # make test T=mls runs only the tests whose name contains "mls"
 T       ?=
+# V=1 shows every command
+V       ?=
+Q       := $(if $(V),,@)
 JOBS    ?= $(shell nproc 2>/dev/null || echo 2)
 
 # ---- The one list of Debian packages ---------------------------------------------------------
@@ -124,31 +127,36 @@ $(VIEW_OBJ) $(PROGRAM_OBJ): EXTRA = $(call pc-cflags,$(PROGRAM_PC))
 
 $(BUILD)/obj/%.o: %.c
 	@mkdir -p $(@D)
-	$(CC) $(ALL_CFLAGS) $(EXTRA) -MMD -MP -c $< -o $@
+	$(if $(V),,@echo "  CC   $<")
+	$(Q)$(CC) $(ALL_CFLAGS) $(EXTRA) -MMD -MP -c $< -o $@
 
 # archives are made anew: a removed source must not live on in them
 $(LIB_A): $(ONLINE_OBJ)
-	rm -f $@ && ar rcs $@ $^
+	$(Q)rm -f $@ && ar rcs $@ $^
 $(OFFLINE_A): $(OFFLINE_OBJ)
-	rm -f $@ && ar rcs $@ $^
+	$(Q)rm -f $@ && ar rcs $@ $^
 $(VIEW_A): $(VIEW_OBJ)
-	rm -f $@ && ar rcs $@ $^
+	$(Q)rm -f $@ && ar rcs $@ $^
 
 RPATH := -Wl,--enable-new-dtags -Wl,-rpath,'$$ORIGIN:$$ORIGIN/../lib'
 $(LIB_SO): $(ONLINE_OBJ)
-	$(CC) $(SANITIZE) -shared -Wl,-soname,libpalpate.so.$(ABI) -Wl,--no-undefined $(RPATH) $^ $(ONLINE_LIBS) $(LDFLAGS) -o $@
-	ln -sf libpalpate.so.$(ABI) $(BUILD)/libpalpate.so
+	$(if $(V),,@echo "  LINK $@")
+	$(Q)$(CC) $(SANITIZE) -shared -Wl,-soname,libpalpate.so.$(ABI) -Wl,--no-undefined $(RPATH) $^ $(ONLINE_LIBS) $(LDFLAGS) -o $@
+	$(Q)ln -sf libpalpate.so.$(ABI) $(BUILD)/libpalpate.so
 $(OFFLINE_SO): $(OFFLINE_OBJ) $(LIB_SO)
-	$(CC) $(SANITIZE) -shared -Wl,-soname,libpalpate-offline.so.$(ABI) -Wl,--no-undefined $(RPATH) $(OFFLINE_OBJ) -L$(BUILD) -l:libpalpate.so.$(ABI) $(OFFLINE_LIBS) $(LDFLAGS) -o $@
-	ln -sf libpalpate-offline.so.$(ABI) $(BUILD)/libpalpate-offline.so
+	$(if $(V),,@echo "  LINK $@")
+	$(Q)$(CC) $(SANITIZE) -shared -Wl,-soname,libpalpate-offline.so.$(ABI) -Wl,--no-undefined $(RPATH) $(OFFLINE_OBJ) -L$(BUILD) -l:libpalpate.so.$(ABI) $(OFFLINE_LIBS) $(LDFLAGS) -o $@
+	$(Q)ln -sf libpalpate-offline.so.$(ABI) $(BUILD)/libpalpate-offline.so
 
 ifneq ($(MESHER),)
 $(MESHER): $(MESHER_OBJ)
-	$(CC) $(SANITIZE) $^ $(MESHER_LIBS) $(LDFLAGS) -o $@
+	$(if $(V),,@echo "  LINK $@")
+	$(Q)$(CC) $(SANITIZE) $^ $(MESHER_LIBS) $(LDFLAGS) -o $@
 endif
 ifneq ($(PROGRAM),)
 $(PROGRAM): $(PROGRAM_OBJ) $(VIEW_A) $(LIB_SO) $(OFFLINE_SO)
-	$(CC) $(SANITIZE) -rdynamic $(RPATH) $(PROGRAM_OBJ) $(VIEW_A) -L$(BUILD) -l:libpalpate.so.$(ABI) $(PROGRAM_LIBS) $(ONLINE_LIBS) $(LDFLAGS) -o $@
+	$(if $(V),,@echo "  LINK $@")
+	$(Q)$(CC) $(SANITIZE) -rdynamic $(RPATH) $(PROGRAM_OBJ) $(VIEW_A) -L$(BUILD) -l:libpalpate.so.$(ABI) $(PROGRAM_LIBS) $(ONLINE_LIBS) $(LDFLAGS) -o $@
 endif
 
 # ---- Tests: every tests/*/test_*.c is a cmocka program, every test_*.sh prints TAP --------------
@@ -156,7 +164,8 @@ TEST_AUX_OBJ := $(call obj,$(TEST_AUX))
 $(call obj,$(TEST_SRC) $(TEST_AUX)): EXTRA = $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) $(PROGRAM_PC)) -isystem /usr/include/suitesparse
 $(TEST_BIN): $(BUILD)/tests/%: $(BUILD)/obj/tests/%.o $(TEST_AUX_OBJ) $(VIEW_A) $(OFFLINE_A) $(LIB_A)
 	@mkdir -p $(@D)
-	$(CC) $(SANITIZE) $(filter %.o,$^) $(VIEW_A) $(OFFLINE_A) $(LIB_A) -lcmocka $(ONLINE_LIBS) $(OFFLINE_LIBS) $(PROGRAM_LIBS) $(LDFLAGS) -o $@
+	$(if $(V),,@echo "  LINK $@")
+	$(Q)$(CC) $(SANITIZE) $(filter %.o,$^) $(VIEW_A) $(OFFLINE_A) $(LIB_A) -lcmocka $(ONLINE_LIBS) $(OFFLINE_LIBS) $(PROGRAM_LIBS) $(LDFLAGS) -o $@
 
 build-tests: build-all $(TEST_BIN)
 run-tests: build-tests
@@ -177,7 +186,8 @@ BENCH_AUX := $(call obj,$(wildcard bench/common.c))
 $(call obj,$(BENCH_SRC) $(wildcard bench/common.c)): EXTRA = $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) jansson) -isystem /usr/include/suitesparse
 $(BENCH_BIN): $(BUILD)/bench/%: $(BUILD)/obj/bench/%.o $(BENCH_AUX) $(OFFLINE_A) $(LIB_A)
 	@mkdir -p $(@D)
-	$(CC) $(SANITIZE) $(filter %.o,$^) $(OFFLINE_A) $(LIB_A) $(ONLINE_LIBS) $(OFFLINE_LIBS) -ljansson $(LDFLAGS) -o $@
+	$(if $(V),,@echo "  LINK $@")
+	$(Q)$(CC) $(SANITIZE) $(filter %.o,$^) $(OFFLINE_A) $(LIB_A) $(ONLINE_LIBS) $(OFFLINE_LIBS) -ljansson $(LDFLAGS) -o $@
 bench: deps ## build and run every bench (long)
 	@$(MAKE) --no-print-directory -j$(JOBS) build-all $(BENCH_BIN)
 	@for b in $(BENCH_BIN); do echo "== $$b"; $$b || exit 1; done
