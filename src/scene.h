@@ -113,7 +113,7 @@ typedef struct pal_skin_source {
     double *position;   ///< (vertex_count x 3) [m], physical
     int32_t *triangle;  ///< (triangle_count x 3)
 } pal_skin_source;
-pal_status pal_cloud_build(const pal_scene *scene, const pal_progress *progress, pal_cloud *cloud,
+pal_status pal_cloud_build(pal_scene *scene, const pal_progress *progress, pal_cloud *cloud,
                            pal_skin_source *skin, pal_error *error);
 
 #endif
