@@ -37,16 +37,29 @@ typedef struct pal_device {
     pal_status (*read)(void *self, int64_t time_ns, pal_tool_state *state);  ///< state at session time
     pal_status (*write)(void *self, int64_t time_ns, const pal_tool_force *force); ///< may be NULL
     void (*close)(void *self);                                               ///< may be NULL; frees self
+    double (*duration)(const void *self); ///< length of the motion [s]; may be NULL: endless
 } pal_device;
 #define PALPATE_DEVICE_ABI 1u
 
-/// Make the device a tool definition names (null, replay, scripted, ...).
-/// @return PALPATE_OK; _IO or _SCENE (trajectory file, located), _UNSUPPORTED, _MEMORY
+/// Make the device a tool definition names (null, replay, scripted). It reports poses in the body's
+/// frame. The caller owns it (out->close(out->self)) until a session takes it over.
+/// @return PALPATE_OK; _IO or _SCENE (trajectory file, located), _ARGUMENT (the tool has no device, or a
+/// stroke's parameters are impossible), _UNSUPPORTED, _MEMORY
 PALPATE_API pal_status pal_device_create(const pal_tool_def *tool, double period, pal_device *out,
                                          pal_error *error);
 
 /// Length of the device's motion [s]; negative: endless.
 PALPATE_API double pal_device_duration(const pal_device *device);
+
+/// A device that the host moves (a mouse, a tracker read elsewhere): its pose is the newest one given
+/// to pal_device_host_set, handed over without waiting on either side. `initial` may be NULL (origin).
+/// @return PALPATE_OK; _MEMORY
+PALPATE_API pal_status pal_device_host_create(const pal_pose *initial, pal_device *out,
+                                              pal_error *error);
+/// New pose and buttons, from one host thread; wait-free. Only while the device is open or new.
+PALPATE_API void pal_device_host_set(pal_device *device, const pal_pose *pose, uint32_t buttons);
+/// Newest force written by the servo, from one host thread; wait-free. @return 1 when there is one.
+PALPATE_API int pal_device_host_get(pal_device *device, pal_tool_force *force);
 
 /// ---- Session ----------------------------------------------------------------------------------
 
