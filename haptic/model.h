@@ -43,8 +43,12 @@ struct pal_model {
     double *c_tt;
     /// Stored rows C_ST (3s x 3t) [m/N] in `precision`, column-major; the column of dof j starts at
     /// element j * row_ld; row_ld >= 3s is a multiple of 64 bytes; base 64-byte aligned; padding 0.
+    /// element times row_scale is the compliance in m/N.
     void *c_st;
     int64_t row_ld;
+    /// A power of two; 1 for double and single. Half has 5 exponent bits: without a scale, stiff
+    /// bodies (small compliances) would fall below its smallest normal number, 6e-5.
+    double row_scale;
     /// Probe rows (3 probe_count x 3t) [m/N], column-major, ld = 3 probe_count.
     double *probe_row;
 
@@ -66,8 +70,26 @@ PALPATE_API pal_model *pal_model_new(void);
 /// Bytes of one element of c_st.
 PALPATE_API size_t pal_precision_size(pal_precision precision);
 
-/// Allocate c_st for info.row_count, info.column_count, info.precision and set row_ld (zeroed).
+/// Allocate c_st for info.row_count, info.column_count, info.precision; set row_ld, row_scale = 1
+/// (zeroed; NULL and row_ld 0 when there are no rows). Frees an older c_st.
+/// @return PALPATE_OK; _ARGUMENT (counts or precision), _MEMORY
 PALPATE_API pal_status pal_model_alloc_rows(pal_model *model, pal_error *error);
+
+/// Choose row_scale for entries of magnitude up to `largest` [m/N]: 1 for double and single; for half
+/// the power of two that brings `largest` between 2^13 and 2^14 (2 bits below overflow).
+PALPATE_API void pal_model_scale_rows(pal_model *model, double largest);
+
+/// Store column `dof` (0 .. 3 column_count - 1) of C_ST. @param[in] column [m/N], shape [3 row_count]
+/// @return PALPATE_OK; _ARGUMENT when a value does not fit the precision or the dof does not exist
+PALPATE_API pal_status pal_model_store_column(pal_model *model, int64_t dof, const double *column);
+
+/// Read column `dof` of C_ST back. @param[out] column [m/N], shape [3 row_count]
+PALPATE_API pal_status pal_model_load_column(const pal_model *model, int64_t dof, double *column);
+
+/// IEEE 754 binary16: nearest even from a double (one rounding), exact back. Bit-exact software;
+/// NaN and infinity are kept.
+PALPATE_API uint16_t pal_half_from_double(double x);
+PALPATE_API float pal_half_to_float(uint16_t half);
 
 /// Convert `count` doubles into the storage precision (round to nearest even; half: saturating to
 /// the largest finite value is NOT done, overflow is PALPATE_ERROR_ARGUMENT).
@@ -75,7 +97,11 @@ PALPATE_API pal_status pal_precision_store(pal_precision precision, const double
                                            void *out);
 PALPATE_API void pal_precision_load(pal_precision precision, const void *in, int64_t count, double *out);
 
+/// Largest count of anything a model may hold; keeps all products within 63 bits.
+enum { PALPATE_COUNT_MAX = 1 << 26 };
+
 /// Check every count, index range, and finiteness of a model (after load and after build).
+/// @return PALPATE_OK; _ARGUMENT naming the array, the index and the value. Cost: reads all of it.
 PALPATE_API pal_status pal_model_check(const pal_model *model, pal_error *error);
 
 #endif
