@@ -99,7 +99,7 @@ struct pal_scene {
 /// Format "file:line:column: key" of a place into `out`. @return out
 char *pal_place_text(const pal_scene *scene, const pal_place *place, char *out, size_t size);
 
-/// Add a warning to the scene (located). Returns PALPATE_OK or _MEMORY.
+/// Add a warning to the scene (located; place NULL: about the scene as a whole). Returns PALPATE_OK or _MEMORY.
 pal_status pal_scene_warn(pal_scene *scene, const pal_place *place, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 

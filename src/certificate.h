@@ -1,0 +1,32 @@
+/// @file certificate.h  How far a compliance can be trusted (design section 5).
+#ifndef PALPATE_SRC_CERTIFICATE_H
+#define PALPATE_SRC_CERTIFICATE_H
+
+#include "haptic/model.h"
+#include "src/compliance.h"
+#include "src/discretization.h"
+#include "src/factor.h"
+
+/// Certify the model's raw C_TT and, when `symmetrize`, replace it by (C + C^T)/2. Fills
+/// model->info.certificate (all but the fields it has no data for, which are negative).
+/// @return PALPATE_OK also when the certificate does not pass (certificate.pass, .reason);
+///         _MEMORY, _CANCELLED
+/// Cost: O((3 columns)^3 / 3) for the Cholesky factorization. Thread: any; one at a time inside.
+pal_status pal_certify(const pal_system *system, const pal_factor_report *factor,
+                       const pal_compliance_report *compliance, double length, int symmetrize,
+                       const pal_progress *progress, pal_model *model, pal_error *error);
+
+/// ||C - C^T||_F / ||C||_F of a dense column-major matrix (n x n).
+double pal_reciprocity_error(const double *c, int64_t n);
+
+/// C <- (C + C^T) / 2.
+void pal_symmetrize(double *c, int64_t n);
+
+/// Extreme eigenvalues of the symmetric part of C (n x n): dense for small n, Lanczos (ARPACK) else;
+/// the smallest through a Cholesky factorization when there is one.
+/// @param[out] positive  1 when the Cholesky factorization of the symmetric part succeeded
+/// @return PALPATE_OK; _MEMORY
+pal_status pal_extreme_eigenvalues(const double *c, int64_t n, double *smallest, double *largest,
+                                   int *positive, pal_error *error);
+
+#endif

@@ -1,0 +1,59 @@
+/// @file memory_plan.c  Peak memory of the offline stage from counts alone (see memory_plan.h).
+#include "src/memory_plan.h"
+
+#include <stdio.h>
+#include <sys/resource.h>
+
+#include "haptic/error.h"
+#include "haptic/model.h"
+
+uint64_t pal_memory_plan_peak(const pal_model_info *info) {
+    uint64_t t = 3 * (uint64_t)info->column_count, s = 3 * (uint64_t)info->row_count;
+    uint64_t n = 3 * (uint64_t)info->node_count;
+    uint64_t blocks = 8 * t * t + t * s * pal_precision_size(info->precision);
+    // the certificate copies C_TT once for its Cholesky factorization; the factors are freed by then.
+    // Nested dissection of a 3-D body of n unknowns fills about 12 n^(4/3) entries of 12 bytes.
+    double dn = (double)n, cube = 1.0;
+    while (cube * cube * cube < dn) {
+        cube *= 1.02;
+    }
+    uint64_t factors = (uint64_t)(12.0 * 12.0 * dn * cube) + 4000 * n;
+    uint64_t certificate = 8 * t * t;
+    return blocks + (factors > certificate ? factors : certificate);
+}
+
+uint64_t pal_memory_available(void) {
+    uint64_t available = 0;
+    FILE *f = fopen("/proc/meminfo", "re");
+    if (f != NULL) {
+        char line[160];
+        unsigned long long kib;
+        while (fgets(line, sizeof line, f) != NULL) {
+            if (sscanf(line, "MemAvailable: %llu kB", &kib) == 1) {
+                available = 1024 * (uint64_t)kib;
+            }
+        }
+        (void)fclose(f);
+    }
+    struct rlimit limit;
+    if (getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY &&
+        (available == 0 || limit.rlim_cur < available)) {
+        available = limit.rlim_cur;
+    }
+    return available;
+}
+
+pal_status pal_memory_plan_check(const pal_model_info *info, pal_error *error) {
+    uint64_t peak = pal_memory_plan_peak(info), available = pal_memory_available();
+    if (available == 0 || peak <= available) {
+        return PALPATE_OK;
+    }
+    double t = 3.0 * info->column_count;
+    return pal_fail(error, PALPATE_ERROR_MEMORY,
+                    "the model needs about %.1f GB of memory and %.1f GB are free: %d nodes, the "
+                    "compliance of %d touchable nodes takes %.1f GB and their rows %.1f GB; narrow "
+                    "body.touchable, store less (store.displacement) or use a larger body.spacing",
+                    1e-9 * (double)peak, 1e-9 * (double)available, info->node_count,
+                    info->column_count, 8e-9 * t * t,
+                    3e-9 * t * info->row_count * (double)pal_precision_size(info->precision));
+}

@@ -1,0 +1,18 @@
+/// @file memory_plan.h  Will it fit? Predicted before anything large is allocated.
+#ifndef PALPATE_SRC_MEMORY_PLAN_H
+#define PALPATE_SRC_MEMORY_PLAN_H
+
+#include <stdint.h>
+
+#include <palpate/model.h>
+
+/// Predicted peak bytes of the solve and certificate stages for a model's counts.
+uint64_t pal_memory_plan_peak(const pal_model_info *info);
+
+/// Bytes the machine can give now (MemAvailable, limited by RLIMIT_AS); 0: unknown.
+uint64_t pal_memory_available(void);
+
+/// @return PALPATE_OK; PALPATE_ERROR_MEMORY naming the largest block and the remedy
+pal_status pal_memory_plan_check(const pal_model_info *info, pal_error *error);
+
+#endif
