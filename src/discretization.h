@@ -97,4 +97,12 @@ pal_status pal_method_galerkin(const pal_cloud *, const uint8_t *fixed, double p
 int32_t pal_interpolate(const pal_cloud *cloud, const double x[3], int32_t capacity, int32_t *node,
                         double *weight);
 
+/// The same on the first `node_count` nodes alone (e.g. the surface's: they come first).
+/// @param position  shape [node_count, 3]
+/// Linear MLS on the min(capacity, 16) nearest nodes: exact for linear fields wherever those nodes
+/// span space, and within their plane or line where they do not. At a node: that node, weight 1.
+/// Cost: O(node_count).
+int32_t pal_interpolate_nodes(const double *position, int32_t node_count, const double x[3],
+                              int32_t capacity, int32_t *node, double *weight);
+
 #endif

@@ -110,15 +110,18 @@ pal_status pal_neighbours_create(pal_neighbours *out, const double *position, in
                             (int)(i % 3), (long long)(i / 3), position[i]);
         }
     }
+    out->position = malloc((size_t)count * 3 * sizeof *out->position);
     out->point = malloc((size_t)count * 3 * sizeof *out->point);
     out->index = malloc((size_t)count * sizeof *out->index);
     out->axis = calloc((size_t)count, sizeof *out->axis);
-    if (out->point == NULL || out->index == NULL || out->axis == NULL) {
+    if (out->position == NULL || out->point == NULL || out->index == NULL ||
+        out->axis == NULL) {
         pal_neighbours_clear(out);
         return pal_fail(error, PALPATE_ERROR_MEMORY, "neighbour search: no memory for %d points",
                         count);
     }
     out->count = count;
+    memcpy(out->position, position, (size_t)count * 3 * sizeof *position);
     for (int32_t i = 0; i < count; i++) {
         out->index[i] = i;
     }
@@ -131,6 +134,7 @@ pal_status pal_neighbours_create(pal_neighbours *out, const double *position, in
 }
 
 void pal_neighbours_clear(pal_neighbours *n) {
+    free(n->position);
     free(n->point);
     free(n->index);
     free(n->axis);

@@ -12,7 +12,8 @@
 
 typedef struct pal_neighbours {
     int32_t count;    ///< points
-    double *point;    ///< (count x 3) copy of the points, in tree order
+    double *position; ///< (count x 3) copy of the points, in their own order
+    double *point;    ///< (count x 3) the points in tree order
     int32_t *index;   ///< (count) the points' own indices, in tree order
     uint8_t *axis;    ///< (count) splitting axis of the range whose middle this is
 } pal_neighbours;
