@@ -17,6 +17,7 @@ typedef enum pal_geometry_kind {
 /// Where a value stands in the scene, for located errors after loading. "file:line:column: key".
 typedef struct pal_place {
     int32_t line, column;  ///< 1-based; 0: given by --set or by default
+    int32_t set;           ///< k: given by override k-1 (--set); 0: by the file or by default
     char key[128];         ///< dotted path, e.g. "body.patches.pole"
 } pal_place;
 
@@ -65,12 +66,23 @@ typedef struct pal_refine {
     pal_place place;
 } pal_refine;
 
+typedef struct pal_scene_probe {
+    char name[PALPATE_NAME_MAX];
+    double position[3]; ///< [m]
+    pal_place place;
+} pal_scene_probe;
+
 typedef enum pal_store_rows { PALPATE_STORE_NONE, PALPATE_STORE_SURFACE, PALPATE_STORE_ALL } pal_store_rows;
 
 struct pal_scene {
     char path[1024];    ///< scene file, absolute
+    char shown[1024];   ///< scene file as the caller named it, for messages
+    int32_t override_count;
+    char **override;    ///< the --set texts, for messages
+    int32_t version;    ///< of the scene format
     pal_geometry geometry;
     double spacing;     ///< [m]
+    pal_place spacing_place;
     double grading;     ///< growth of the spacing per unit distance from a refined zone
     int32_t refine_count;
     pal_refine *refine;
@@ -83,8 +95,9 @@ struct pal_scene {
     int32_t patch_count;
     pal_scene_patch *patch;
     int32_t probe_count;
-    struct { char name[PALPATE_NAME_MAX]; double position[3]; pal_place place; } *probe;
+    pal_scene_probe *probe;
     pal_method method;
+    pal_place method_place;
     int32_t symmetrize;      ///< repair: 1 symmetrize, 0 none, 2 positive
     int32_t certify_warn;    ///< certify: warn -> 1 (write a model that fails), strict -> 0
     pal_store_rows store_rows;

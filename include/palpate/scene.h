@@ -35,14 +35,16 @@ PALPATE_API const char *pal_scene_warning(const pal_scene *scene, int index);
 
 /// One row of the schema: what drives the loader, --set, --help and the reference documentation.
 typedef struct pal_scene_key {
-    const char *path;          ///< dotted, lists as [] : "body.refine[].spacing"
+    const char *path;          ///< dotted, list items as [], user's names as *: "body.refine[].spacing"
     const char *type;          ///< "number", "integer", "text", "vector3", "choice", ...
     const char *unit;          ///< "m", "Pa", "-" ...
     const char *allowed;       ///< range or choices in words
     const char *default_text;  ///< "required" or the default
     const char *help;          ///< one line
+    const struct pal_key_binding *binding; ///< how the loader reads it (private)
 } pal_scene_key;
 
+/// The whole schema, parents before their keys. @return number of rows. Thread: any.
 PALPATE_API int pal_scene_schema(const pal_scene_key **keys);
 
 #ifdef __cplusplus

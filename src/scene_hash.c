@@ -1,0 +1,165 @@
+/// Canonical text and content hash of a scene.
+///
+/// The hash names a cached model, so it covers all that determines one: the canonical text (defaults
+/// filled in, numbers by value and not by spelling), the surface file's content (not its path), the
+/// program's version and the revision of its numerics. Tools and rates are not part of it.
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "haptic/error.h"
+#include "haptic/hash.h"
+#include "src/scene_hash.h"
+
+/// Raise it when the same scene gives a different model (cloud, discretization, solution, storage).
+#define PALPATE_PHYSICS_REVISION 1
+
+static void vector(FILE *f, const char *name, const double v[3]) {
+    (void)fprintf(f, "%s%.17g %.17g %.17g\n", name, v[0], v[1], v[2]);
+}
+
+static void selectors(FILE *f, const char *name, const pal_selector_list *list) {
+    (void)fprintf(f, "%s %d\n", name, (int)list->count);
+    for (int32_t i = 0; i < list->count; i++) {
+        const pal_selector *s = &list->item[i];
+        switch (s->kind) {
+        case PALPATE_SELECT_ALL:
+            (void)fprintf(f, "  all\n");
+            break;
+        case PALPATE_SELECT_BALL:
+            (void)fprintf(f, "  ball %.17g ", s->radius);
+            vector(f, "", s->center);
+            break;
+        case PALPATE_SELECT_BOX:
+            vector(f, "  box ", s->low);
+            vector(f, "   to ", s->high);
+            break;
+        case PALPATE_SELECT_BELOW:
+        case PALPATE_SELECT_ABOVE:
+            (void)fprintf(f, "  %s %c %.17g\n", s->kind == PALPATE_SELECT_BELOW ? "below" : "above",
+                          "xyz"[s->axis], s->value);
+            break;
+        }
+    }
+}
+
+static void geometry(FILE *f, const pal_geometry *g) {
+    switch (g->kind) {
+    case PALPATE_GEOMETRY_BOX:
+        vector(f, "geometry box ", g->size);
+        vector(f, "  center ", g->center);
+        break;
+    case PALPATE_GEOMETRY_SPHERE:
+        (void)fprintf(f, "geometry sphere %.17g\n", g->radius);
+        vector(f, "  center ", g->center);
+        break;
+    case PALPATE_GEOMETRY_HEMISPHERE:
+        (void)fprintf(f, "geometry hemisphere %.17g\n", g->radius);
+        break;
+    case PALPATE_GEOMETRY_FILE:
+        (void)fprintf(f, "geometry file scale %.17g\n", g->scale);
+        break;
+    }
+}
+
+static void body(FILE *f, const pal_scene *scene) {
+    geometry(f, &scene->geometry);
+    (void)fprintf(f, "spacing %.17g\ngrading %.17g\n", scene->spacing, scene->grading);
+    for (int32_t i = 0; i < scene->refine_count; i++) {
+        const pal_refine *z = &scene->refine[i];
+        if (z->kind == PALPATE_REFINE_RIM) {
+            (void)fprintf(f, "refine %.17g rim %s\n", z->spacing, z->rim);
+        } else {
+            (void)fprintf(f, "refine %.17g ball %.17g ", z->spacing, z->radius);
+            vector(f, "", z->center);
+        }
+    }
+    (void)fprintf(f, "young %.17g\npoisson %.17g\ndensity %.17g\n", scene->young, scene->poisson,
+                  scene->density);
+    selectors(f, "fixed", &scene->fixed);
+    selectors(f, "touchable", &scene->touchable);
+    for (int32_t i = 0; i < scene->patch_count; i++) {
+        const pal_scene_patch *p = &scene->patch[i];
+        (void)fprintf(f, "patch %s rim_spacing %.17g ", p->name, p->rim_spacing);
+        selectors(f, "", &p->where);
+    }
+    for (int32_t i = 0; i < scene->probe_count; i++) {
+        (void)fprintf(f, "probe %s ", scene->probe[i].name);
+        vector(f, "", scene->probe[i].position);
+    }
+}
+
+pal_status pal_scene_write_canonical(pal_scene *scene, pal_error *error) {
+    char *text = NULL;
+    size_t size = 0;
+    FILE *f = open_memstream(&text, &size);
+    if (f == NULL) {
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "%.300s: out of memory", scene->shown);
+    }
+    const pal_method *m = &scene->method;
+    (void)fprintf(f, "palpate %d\n", (int)scene->version);
+    body(f, scene);
+    (void)fprintf(f, "method %d basis %d derivatives %d neighbours %d exponent %d fictitious %d "
+                  "volumetric %d stabilization %.17g integration %d\n",
+                  (int)m->kind, (int)m->basis, (int)m->derivatives, (int)m->neighbours,
+                  (int)m->exponent, (int)m->fictitious, (int)m->volumetric, m->stabilization,
+                  (int)m->integration);
+    (void)fprintf(f, "repair %d\ncertify %d\nstore %d precision %d tolerance %.17g\n",
+                  (int)scene->symmetrize, (int)scene->certify_warn, (int)scene->store_rows,
+                  (int)scene->precision, scene->store_tolerance);
+    int bad = ferror(f);
+    if (fclose(f) != 0 || bad) {
+        free(text);
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "%.300s: out of memory", scene->shown);
+    }
+    free(scene->canonical);
+    scene->canonical = text;
+    return PALPATE_OK;
+}
+
+/// Add a file's content to a hash.
+static pal_status hash_file(pal_hash *hash, const pal_scene *scene, pal_error *error) {
+    char where[1400];
+    (void)pal_place_text(scene, &scene->geometry.place, where, sizeof where);
+    FILE *file = fopen(scene->geometry.path, "rb");
+    if (file == NULL) {
+        return pal_fail(error, PALPATE_ERROR_IO, "%.300s: %.400s cannot be read (%s)", where,
+                        scene->geometry.path, strerror(errno));
+    }
+    unsigned char buffer[8192];
+    size_t n;
+    while ((n = fread(buffer, 1, sizeof buffer, file)) > 0) {
+        pal_hash_update(hash, buffer, n);
+    }
+    int bad = ferror(file);
+    (void)fclose(file);
+    if (bad) {
+        return pal_fail(error, PALPATE_ERROR_IO, "%.300s: %.400s cannot be read", where,
+                        scene->geometry.path);
+    }
+    return PALPATE_OK;
+}
+
+pal_status pal_scene_hash(const pal_scene *scene, char hex[65], pal_error *error) {
+    if (scene == NULL || hex == NULL) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "pal_scene_hash: scene or hex is NULL");
+    }
+    char head[100];
+    (void)snprintf(head, sizeof head, "palpate %s physics %d\n", pal_version(),
+                   PALPATE_PHYSICS_REVISION);
+    pal_hash hash;
+    uint8_t digest[PALPATE_HASH_BYTES];
+    pal_hash_init(&hash, PALPATE_HASH_BYTES);
+    pal_hash_update(&hash, head, strlen(head));
+    pal_hash_update(&hash, scene->canonical, strlen(scene->canonical) + 1);
+    if (scene->geometry.kind == PALPATE_GEOMETRY_FILE) {
+        pal_status status = hash_file(&hash, scene, error);
+        if (status != PALPATE_OK) {
+            return status;
+        }
+    }
+    pal_hash_final(&hash, digest);
+    pal_hash_to_hex(digest, PALPATE_HASH_BYTES, hex);
+    return PALPATE_OK;
+}

@@ -1,0 +1,222 @@
+/// What the schema table cannot say alone: rules between the keys of one mapping.
+///
+/// Each rule runs once all keys of its mapping were read; defaults that depend on other keys are
+/// filled in here.
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "haptic/error.h"
+#include "src/scene_schema.h"
+
+pal_status pal_rule_geometry(pal_reading *r, const pal_value *value, void *object) {
+    const struct pal_scene *scene = object;
+    const pal_value *scale = pal_value_get(value, "scale");
+    if (!pal_value_is_null(scale) && scene->geometry.kind != PALPATE_GEOMETRY_FILE) {
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_key(value, "scale"), "scale",
+                                "a scale for a shape given in metres", "with file only", "remove it");
+    }
+    return PALPATE_OK;
+}
+
+pal_status pal_rule_selector_box(pal_reading *r, const pal_value *value, void *object) {
+    pal_selector *s = object;
+    int corners = (pal_value_get(value, "min") != NULL) + (pal_value_get(value, "max") != NULL);
+    int sizes = (pal_value_get(value, "center") != NULL) + (pal_value_get(value, "size") != NULL);
+    if (corners + sizes != 2 || corners == 1) {
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, value, NULL,
+                                corners + sizes == 0 ? "nothing" : "an incomplete or doubled box",
+                                "min and max, or center and size", "write one pair");
+    }
+    for (int i = 0; i < 3; i++) {
+        if (sizes == 2) {
+            double half = s->high[i] / 2.0;
+            s->low[i] = s->center[i] - half;
+            s->high[i] = s->center[i] + half;
+        }
+        if (s->low[i] > s->high[i]) {
+            char found[120];
+            (void)snprintf(found, sizeof found, "min %g above max %g on axis %c", s->low[i], s->high[i],
+                           "xyz"[i]);
+            return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_get(value, "min"), NULL, found,
+                                    "min at most max on every axis", "exchange them");
+        }
+    }
+    return PALPATE_OK;
+}
+
+pal_status pal_rule_refine(pal_reading *r, const pal_value *value, void *object) {
+    pal_refine *refine = object;
+    int center = !pal_value_is_null(pal_value_get(value, "center"));
+    int radius = !pal_value_is_null(pal_value_get(value, "radius"));
+    int rim = !pal_value_is_null(pal_value_get(value, "rim"));
+    if (rim + (center && radius) != 1 || center != radius) {
+        const char *found = rim ? "rim and a ball" : center ? "center without radius"
+                            : radius                        ? "radius without center"
+                                                            : "only a spacing";
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, value, NULL, found,
+                                "center and radius, or rim", "write one of the two");
+    }
+    refine->kind = rim ? PALPATE_REFINE_RIM : PALPATE_REFINE_BALL;
+    return PALPATE_OK;
+}
+
+pal_status pal_rule_method(pal_reading *r, const pal_value *value, void *object) {
+    static const char *const names[] = {"point", "cell", "galerkin"};
+    struct pal_scene *scene = object;
+    pal_method *method = &scene->method;
+    const pal_scene_key *keys;
+    int count = pal_scene_schema(&keys);
+    for (int i = 0; i < count; i++) {
+        int methods = keys[i].binding->methods;
+        if (methods == 0 || (methods >> method->kind & 1) != 0) {
+            continue;
+        }
+        const char *name = strrchr(keys[i].path, '.') + 1;
+        if (!pal_value_is_null(pal_value_get(value, name))) {
+            char found[100];
+            char allowed[100] = "";
+            (void)snprintf(found, sizeof found, "an option that method %s does not have",
+                           names[method->kind]);
+            for (int k = 0; k < 3; k++) {
+                size_t n = strlen(allowed);
+                if ((methods >> k & 1) != 0) {
+                    (void)snprintf(allowed + n, sizeof allowed - n, "%s%s", n > 0 ? " and " : "with ",
+                                   names[k]);
+                }
+            }
+            return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_key(value, name), name, found,
+                                    allowed, "remove it, or change method.kind");
+        }
+    }
+    int point = method->kind == PALPATE_METHOD_POINT;
+    if (pal_value_is_null(pal_value_get(value, "basis"))) {
+        method->basis = point ? PALPATE_BASIS_QUADRATIC : PALPATE_BASIS_LINEAR;
+    }
+    if (pal_value_is_null(pal_value_get(value, "volumetric"))) {
+        method->volumetric = point ? PALPATE_VOLUMETRIC_PLAIN : PALPATE_VOLUMETRIC_NODAL;
+    }
+    if (pal_value_is_null(pal_value_get(value, "stabilization"))) {
+        method->stabilization = -1.0;
+    }
+    if (!point) {
+        method->fictitious = 0;
+    }
+    return PALPATE_OK;
+}
+
+static pal_status rule_scripted(pal_reading *r, const pal_value *tool, pal_tool_def *def) {
+    const pal_value *scripted = pal_value_get(pal_value_get(tool, "device"), "scripted");
+    pal_stroke *stroke = &def->device.stroke;
+    if (!def->has_start) {
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, scripted, "device.scripted",
+                                "a scripted device, but no start", "start: [x, y, z] beside device",
+                                "add the tool's origin when it just touches");
+    }
+    if (pal_value_is_null(pal_value_get(scripted, "tremor_amplitude"))) {
+        stroke->tremor_amplitude = stroke->kind == PALPATE_STROKE_PALPATION ? 2e-4 : 0.0;
+    }
+    const pal_value *direction = pal_value_get(scripted, "direction");
+    if (pal_value_is_null(direction)) {
+        int along_x = fabs(def->axis[0]) > 0.9;
+        stroke->direction[along_x] = 1.0;
+    }
+    double *d = stroke->direction;
+    double along = 0.0;
+    double length = 0.0;
+    for (int i = 0; i < 3; i++) {
+        along += d[i] * def->axis[i];
+        length = hypot(length, d[i]);
+    }
+    double across = 0.0;
+    for (int i = 0; i < 3; i++) {
+        d[i] -= along * def->axis[i];
+        across = hypot(across, d[i]);
+    }
+    if (!(across > 1e-6 * length)) {
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, direction, "device.scripted.direction",
+                                "a direction of length 0 or along the tool's axis",
+                                "[x, y, z] across the axis", "choose another direction");
+    }
+    for (int i = 0; i < 3; i++) {
+        d[i] /= across;
+    }
+    return PALPATE_OK;
+}
+
+pal_status pal_rule_tool(pal_reading *r, const pal_value *value, void *object) {
+    pal_tool_def *tool = object;
+    const pal_runtime_config *runtime = &r->scene->runtime;
+    int index = (int)(tool - runtime->tools);
+    if (tool->name[0] == 0) {
+        (void)snprintf(tool->name, sizeof tool->name, index > 0 ? "tool%d" : "tool", index + 1);
+    }
+    for (int i = 0; i < index; i++) {
+        if (strcmp(runtime->tools[i].name, tool->name) == 0) {
+            char found[120];
+            (void)snprintf(found, sizeof found, "%s, the name of tools[%d]", tool->name, i);
+            const pal_value *name = pal_value_get(value, "name");
+            return pal_reading_fail(r, PALPATE_ERROR_SCENE, name != NULL ? name : value, "name", found,
+                                    "a name of its own", "rename one");
+        }
+    }
+    tool->has_start = !pal_value_is_null(pal_value_get(value, "start"));
+    if (pal_value_key(value, "device") != NULL && pal_value_is_null(pal_value_get(value, "device"))) {
+        tool->device.kind = PALPATE_DEVICE_NULL;
+    }
+    return tool->device.kind == PALPATE_DEVICE_SCRIPTED ? rule_scripted(r, value, tool) : PALPATE_OK;
+}
+
+/// Refine zones that name a patch, and zones that do not refine.
+static pal_status rule_refinement(pal_reading *r, const pal_value *body) {
+    struct pal_scene *scene = r->scene;
+    for (int32_t i = 0; i < scene->refine_count; i++) {
+        const pal_refine *refine = &scene->refine[i];
+        int found = refine->kind != PALPATE_REFINE_RIM;
+        for (int32_t k = 0; k < scene->patch_count && !found; k++) {
+            found = strcmp(scene->patch[k].name, refine->rim) == 0;
+        }
+        if (!found) {
+            char key[40];
+            char list[200] = "";
+            for (int32_t k = 0; k < scene->patch_count; k++) {
+                size_t n = strlen(list);
+                (void)snprintf(list + n, sizeof list - n, "%s%s", n > 0 ? ", " : "",
+                               scene->patch[k].name);
+            }
+            (void)snprintf(key, sizeof key, "refine[%d].rim", (int)i);
+            const pal_value *zone = pal_value_get(body, "refine")->item[i];
+            return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_get(zone, "rim"), key, refine->rim,
+                                    scene->patch_count > 0 ? list : "a name from body.patches",
+                                    "name a patch of body.patches");
+        }
+        if (refine->spacing > scene->spacing &&
+            pal_scene_warn(scene, &refine->place, "spacing %g m is coarser than body.spacing %g m: "
+                           "it has no effect", refine->spacing, scene->spacing) != PALPATE_OK) {
+            return pal_reading_memory(r);
+        }
+    }
+    return PALPATE_OK;
+}
+
+pal_status pal_rule_body(pal_reading *r, const pal_value *value, void *object) {
+    struct pal_scene *scene = object;
+    pal_status status = rule_refinement(r, value);
+    if (status == PALPATE_OK && scene->fixed.count == 0) {
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_get(value, "fixed"), "fixed",
+                                "an empty list", "at least one selector",
+                                "hold the body somewhere, e.g. - {below: {z: 0}}");
+    }
+    return status;
+}
+
+pal_status pal_rule_root(pal_reading *r, const pal_value *value, void *object) {
+    const struct pal_scene *scene = object;
+    if (scene->touchable.count == 0 && scene->patch_count == 0) {
+        const pal_value *body = pal_value_get(value, "body");
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_get(body, "touchable"),
+                                "body.touchable", "an empty list and no patches",
+                                "a selector, or a patch", "leave the key out to touch all");
+    }
+    return PALPATE_OK;
+}
