@@ -195,8 +195,67 @@ bench-%: ## build and run one bench, e.g. make bench-tick
 	@$(MAKE) --no-print-directory -j$(JOBS) build-all $(BUILD)/bench/$*
 	@mkdir -p bench/results && $(BUILD)/bench/$* $(ARGS)
 
+# ---- Install ---------------------------------------------------------------------------------
+bindir     := $(DESTDIR)$(prefix)/bin
+libdir     := $(DESTDIR)$(prefix)/lib
+libexecdir := $(DESTDIR)$(prefix)/libexec/palpate
+includedir := $(DESTDIR)$(prefix)/include/palpate
+datadir    := $(DESTDIR)$(prefix)/share/palpate
+mandir     := $(DESTDIR)$(prefix)/share/man/man1
+
+install: build-all ## install below $(DESTDIR)$(prefix)
+	install -d $(bindir) $(libdir)/pkgconfig $(libexecdir) $(includedir) $(datadir)/scenes/trajectories $(mandir)
+	install -m 755 $(PROGRAM) $(bindir)/
+	install -m 755 $(MESHER) $(libexecdir)/
+	install -m 755 $(LIB_SO) $(OFFLINE_SO) $(libdir)/
+	install -m 644 $(LIB_A) $(OFFLINE_A) $(libdir)/
+	ln -sf libpalpate.so.$(ABI) $(libdir)/libpalpate.so
+	ln -sf libpalpate-offline.so.$(ABI) $(libdir)/libpalpate-offline.so
+	install -m 644 include/palpate/*.h $(includedir)/
+	install -m 644 $(wildcard scenes/*.yaml scenes/*.obj) $(datadir)/scenes/
+	install -m 644 $(wildcard scenes/trajectories/*.csv) $(datadir)/scenes/trajectories/
+	install -m 644 .ci/palpate.1 $(mandir)/palpate.1
+	sed -e 's|@prefix@|$(prefix)|' -e 's|@version@|$(VERSION)|' .ci/palpate.pc.in > $(libdir)/pkgconfig/palpate.pc
+	sed -e 's|@prefix@|$(prefix)|' -e 's|@version@|$(VERSION)|' .ci/palpate-offline.pc.in > $(libdir)/pkgconfig/palpate-offline.pc
+
+uninstall: ## remove what install put there
+	rm -f $(bindir)/palpate $(libexecdir)/palpate-mesher $(mandir)/palpate.1
+	rm -f $(libdir)/libpalpate.a $(libdir)/libpalpate.so* $(libdir)/libpalpate-offline.a $(libdir)/libpalpate-offline.so*
+	rm -f $(libdir)/pkgconfig/palpate.pc $(libdir)/pkgconfig/palpate-offline.pc
+	rm -rf $(includedir) $(datadir) $(libexecdir)
+
 # ---- Tidy ------------------------------------------------------------------------------------
+ALL_SRC := $(ONLINE_SRC) $(OFFLINE_SRC) $(MESHER_SRC) $(VIEW_SRC) $(PROGRAM_SRC)
+ALL_FILES := $(ALL_SRC) $(wildcard include/palpate/*.h haptic/*.h haptic/*/*.h src/*.h src/*/*.h \
+             tests/*/*.[ch] bench/*.[ch])
+
 clean: ## remove everything built
 	rm -rf $(BUILD)
+
+format: ## clang-format every source in place
+	@clang-format -i $(ALL_FILES)
+
+lint: ## cppcheck, clang-tidy and gcc -fanalyzer over the libraries and the program
+	@sh .ci/deps.sh $(PACKAGES) clang-tidy cppcheck
+	cppcheck --quiet --std=c11 --enable=warning,portability --inline-suppr --suppress=missingIncludeSystem \
+		--error-exitcode=1 -Iinclude -I. -DPALPATE_VERSION='"x"' $(ALL_SRC)
+	@for f in $(ALL_SRC); do clang-tidy --quiet --warnings-as-errors='*' $$f -- $(STD) -Iinclude -I. \
+		-isystem /usr/include/suitesparse $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) $(PROGRAM_PC)) \
+		2>/dev/null || exit 1; done
+	@$(MAKE) --no-print-directory BUILD=$(BUILD)/analyzer CFLAGS=-fanalyzer OPT=-O1 WERROR= -j$(JOBS) build-all
+
+docs: build-all ## reference of the C API (doxygen) and of the scene's keys, below $(BUILD)/docs
+	@sh .ci/deps.sh doxygen
+	@mkdir -p $(BUILD)/docs
+	@(echo 'PROJECT_NAME=Palpate'; echo 'PROJECT_NUMBER=$(VERSION)'; echo 'INPUT=include README.md'; \
+	  echo 'RECURSIVE=YES'; echo 'OUTPUT_DIRECTORY=$(BUILD)/docs'; echo 'GENERATE_LATEX=NO'; \
+	  echo 'QUIET=YES'; echo 'EXTRACT_ALL=YES'; echo 'OPTIMIZE_OUTPUT_FOR_C=YES'; \
+	  echo 'PREDEFINED=__attribute__(x)='; echo 'USE_MDFILE_AS_MAINPAGE=README.md') | doxygen -
+	@$(PROGRAM) schema > $(BUILD)/docs/scene-keys.txt
+	@echo "$(BUILD)/docs/html/index.html $(BUILD)/docs/scene-keys.txt"
+
+coverage: ## line coverage of the libraries by the tests
+	@$(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=coverage OPT=-g BUILD=$(BUILD)/coverage
+	@sh .ci/coverage.sh $(BUILD)/coverage
 
 -include $(shell find $(BUILD)/obj -name '*.d' 2>/dev/null)
