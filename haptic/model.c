@@ -63,6 +63,9 @@ void pal_model_get_info(const pal_model *model, pal_model_info *out) {
         return;
     }
     *out = model->info;
+    if (out->skin_count == 0) { // pal_model_skin then serves the cloud's own surface
+        out->skin_count = out->surface_count;
+    }
 }
 
 const pal_runtime_config *pal_model_runtime(const pal_model *model) {

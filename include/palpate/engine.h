@@ -145,7 +145,9 @@ PALPATE_API int pal_engine_snapshot(pal_reader *reader, pal_frame *frame);
 /// Displacement [m] and (optional) deformed unit normals at the model's skin vertices (the surface
 /// file's, or the cloud's own surface when there is none), from a frame.
 /// @param[out] displacement shape [skin_count, 3]
-/// @param[out] normal       shape [skin_count, 3] or NULL
+/// @param[out] normal       shape [skin_count, 3] or NULL; (0, 0, 0) at a vertex of no triangle
+/// skin_count is pal_model_info's. Rows that are not stored count as displacement 0.
+/// @return PALPATE_OK; _ARGUMENT when the frame is not this model's
 /// Thread: the reader's. Cost: O(skin_count).
 PALPATE_API pal_status pal_model_skin(const pal_model *model, const pal_frame *frame,
                                       float *displacement, float *normal);

@@ -61,7 +61,7 @@ typedef struct pal_model_info {
     int32_t fixed_count;
     int32_t patch_count;
     int32_t probe_count;
-    int32_t skin_count;      ///< vertices of the render mesh with stored weights
+    int32_t skin_count;      ///< vertices of pal_model_skin: render mesh, else the surface nodes
     pal_precision precision; ///< of the stored rows
     uint64_t bytes;          ///< of the compliance blocks in memory
     uint64_t peak_bytes;     ///< peak resident memory of the offline stage
