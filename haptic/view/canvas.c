@@ -52,7 +52,7 @@ static const char surface_fragment[] =
     "  vec3 base = flat_colour;\n"
     "  if (use_scale == 1) { float t = clamp(shade_value / range, 0.0, 1.0) * 63.0;\n"
     "    int i = int(min(t, 62.0)); base = mix(scale[i], scale[i + 1], t - float(i));\n"
-    "    base = mix(vec3(0.80, 0.62, 0.58), base, smoothstep(0.0, 0.06, shade_value / range)); }\n"
+    "  }\n"
     "  float light = 0.28 + 0.62 * max(dot(n, key), 0.0) + 0.22 * max(dot(n, fill), 0.0);\n"
     "  float shine = pow(max(dot(n, normalize(key + e)), 0.0), 40.0);\n"
     "  colour = vec4(base * light + 0.18 * shine, 1.0); }\n";
@@ -286,7 +286,7 @@ static void draw_tool(pal_canvas *c, const pal_tool_def *tool, const pal_pose *p
     double axis[3] = {2.0 * (q[1] * q[3] + q[0] * q[2]), 2.0 * (q[2] * q[3] - q[0] * q[1]),
                       1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])};
     double r = tool->shape == PALPATE_SHAPE_POINT ? 0.008 * c->size : tool->radius;
-    double shaft = fmin(0.6 * r, 0.012 * c->size);
+    double shaft = fmin(0.4 * r, 0.006 * c->size);
     mat4 m;
     if (tool->shape == PALPATE_SHAPE_CAPSULE) {
         double a[3], b[3];
@@ -308,7 +308,7 @@ static void draw_tool(pal_canvas *c, const pal_tool_def *tool, const pal_pose *p
         }
         along(back, flip, r, 3.0 * r, m);
         draw_solid(c, SOLID_CONE, m, metal);
-        along(back, axis, r, 0.45 * c->size, m);
+        along(back, axis, shaft, 0.45 * c->size, m);
         draw_solid(c, SOLID_CYLINDER, m, grip);
         return;
     }
@@ -325,7 +325,7 @@ static int draw_force(pal_canvas *c, const pal_tool_force *f, const pal_pose *po
         return 0;
     }
     const double *from = f->contact_count > 0 ? f->centroid : pose->position;
-    double length = 0.42 * c->size * size / (size + 1.0), r = 0.006 * c->size, u[3], neck[3];
+    double length = 0.42 * c->size * size / (size + 1.0), r = 0.010 * c->size, u[3], neck[3];
     for (int d = 0; d < 3; d++) {
         u[d] = f->force[d] / size;
         neck[d] = from[d] + 0.78 * length * u[d];
@@ -356,7 +356,7 @@ static void set_camera(pal_canvas *c, const pal_camera *camera, int width, int h
 }
 
 static void draw_surface(pal_canvas *c, double range) {
-    static const float skin[3] = {0.80F, 0.62F, 0.58F};
+    static const float skin[3] = {0.82F, 0.65F, 0.60F};
     mat4 identity;
     mat3 turn;
     glm_mat4_identity(identity);

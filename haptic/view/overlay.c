@@ -7,11 +7,10 @@
 
 #include <cairo.h>
 
-/// Viridis (van der Walt, Smith 2015; public domain), sampled at 9 points.
-static const double viridis[9][3] = {
-    {0.267, 0.005, 0.329}, {0.283, 0.141, 0.458}, {0.254, 0.265, 0.530},
-    {0.207, 0.372, 0.553}, {0.164, 0.471, 0.558}, {0.128, 0.567, 0.551},
-    {0.267, 0.679, 0.481}, {0.478, 0.821, 0.318}, {0.993, 0.906, 0.144}};
+/// From the colour of resting tissue through blue and green to yellow, sampled at 9 points.
+static const double tissue_scale[9][3] = {
+    {0.82, 0.65, 0.60}, {0.70, 0.60, 0.62}, {0.50, 0.52, 0.62}, {0.30, 0.46, 0.60}, {0.16, 0.50, 0.56},
+    {0.13, 0.60, 0.53}, {0.30, 0.72, 0.43}, {0.60, 0.84, 0.26}, {0.99, 0.91, 0.14}};
 
 void pal_colour(double t, double rgb[3]) {
     t = t > 0.0 ? (t < 1.0 ? t : 1.0) : 0.0;
@@ -19,7 +18,7 @@ void pal_colour(double t, double rgb[3]) {
     i = i > 7 ? 7 : i;
     double f = 8.0 * t - i;
     for (int k = 0; k < 3; k++) {
-        rgb[k] = (1.0 - f) * viridis[i][k] + f * viridis[i + 1][k];
+        rgb[k] = (1.0 - f) * tissue_scale[i][k] + f * tissue_scale[i + 1][k];
     }
 }
 
