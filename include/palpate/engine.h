@@ -79,6 +79,9 @@ typedef struct pal_engine_def {
     pal_pose device_to_world;       ///< device frame in the world
     double device_scale;            ///< world metres per device metre; default 1
     double period;                  ///< tick period [s]; default 0.001
+    /// An unread frame is replaced by a newer one after this many ticks; 1: every tick. Default 4:
+    /// what a reader takes is at most 4 ticks old and idle readers cost a quarter of the sweeps.
+    int32_t frame_age;
 } pal_engine_def;
 
 PALPATE_API pal_engine_def pal_engine_default_def(void);
@@ -100,7 +103,8 @@ PALPATE_API void pal_engine_free(pal_engine *engine);
 PALPATE_API uint32_t pal_engine_force(pal_engine *engine, const pal_tool_state in[], pal_tool_force out[]);
 
 /// Displacement of the stored rows under the forces of the last pal_engine_force, published to
-/// every reader that has taken the previous frame. Thread: servo. Cost: O(m rows).
+/// every reader that has taken the previous frame or whose unread frame is frame_age ticks old.
+/// Thread: servo. Cost: O(m rows), nothing when no reader wants a frame.
 /// Source: De, Hong, Bathe 2003, Eq. 53.
 PALPATE_API void pal_engine_field(pal_engine *engine);
 
@@ -122,11 +126,12 @@ typedef struct pal_engine_counts {
     uint64_t solver_iterations;
     int32_t worst_iterations;
 } pal_engine_counts;
+/// Thread: servo, or any while no tick runs.
 PALPATE_API void pal_engine_get_counts(const pal_engine *engine, pal_engine_counts *out);
 
 /// One published frame; valid until the reader's next pal_engine_snapshot.
 typedef struct pal_frame {
-    uint64_t tick;
+    uint64_t tick;               ///< ticks evaluated before this one since create or reset
     int64_t time_ns;             ///< tick * period
     int32_t row_count;
     int32_t tool_count;

@@ -1,0 +1,381 @@
+/// @file engine.c  The tick: poses in, contact, forces out; then the field for readers that want it.
+///
+/// pal_engine_force transforms device poses into the body frame, runs the contact law (Eq. 52) and
+/// the output stage; pal_engine_field sweeps the stored columns (Eq. 53) straight into the back
+/// buffer of the first reader that wants a frame and copies it to the others. The force comes first
+/// and does not depend on whether or when the field is computed.
+///
+/// Memory: one block, see haptic/engine.h. Threads: one servo thread per engine, one thread per
+/// reader; several engines may share a model, which is only read.
+#include "haptic/engine.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "haptic/error.h"
+
+enum { LINE = PALPATE_CACHE_LINE, CONTACTS_MAX = 1024, READERS_MAX = 64 };
+static const uint32_t ENGINE_COOKIE = 0x50414c45u;
+
+// ---- Definition ---------------------------------------------------------------------------------
+
+pal_engine_def pal_engine_default_def(void) {
+    return (pal_engine_def){.cookie = ENGINE_COOKIE,
+                            .max_contacts = 32,
+                            .reader_count = 2,
+                            .body_pose = pal_pose_identity(),
+                            .device_to_world = pal_pose_identity(),
+                            .device_scale = 1.0,
+                            .period = 1e-3,
+                            .frame_age = 4};
+}
+
+const pal_contact_law *pal_contact_law_for(const pal_engine_def *def) {
+    (void)def;
+    return &pal_contact_nodes;
+}
+
+static pal_status check_tool(const pal_tool_def *tool, int32_t t, pal_error *error) {
+    if (tool->shape != PALPATE_SHAPE_POINT && tool->shape != PALPATE_SHAPE_SPHERE &&
+        tool->shape != PALPATE_SHAPE_CAPSULE) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "tools[%d].shape: %d: unknown shape", (int)t,
+                        (int)tool->shape);
+    }
+    if (tool->shape != PALPATE_SHAPE_POINT && !(tool->radius > 0.0 && isfinite(tool->radius))) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "tools[%d].radius: %g: must be positive for this shape", (int)t,
+                        tool->radius);
+    }
+    if (tool->shape == PALPATE_SHAPE_CAPSULE && !(tool->length >= 0.0 && isfinite(tool->length))) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "tools[%d].length: %g: must not be negative", (int)t, tool->length);
+    }
+    const pal_tool_limits *l = &tool->limits;
+    if (!(l->force >= 0.0) || !(l->slew >= 0.0) || !(l->torque >= 0.0)) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "tools[%d].limits: force %g, slew %g, torque %g: must not be negative "
+                        "(0: no limit)",
+                        (int)t, l->force, l->slew, l->torque);
+    }
+    return PALPATE_OK;
+}
+
+static pal_contact_def contact_def(const pal_engine_def *def) {
+    return (pal_contact_def){.tool_count = def->tool_count,
+                             .tools = def->tools,
+                             .max_contacts = def->max_contacts,
+                             .period = def->period};
+}
+
+static pal_status check(const pal_model *model, const pal_engine_def *def, pal_error *error) {
+    if (model == NULL || def == NULL || def->cookie != ENGINE_COOKIE) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "pal_engine: %s; start from pal_engine_default_def()",
+                        model == NULL ? "no model" : "the definition was not initialised");
+    }
+    if (def->tool_count < 1 || def->tool_count > PALPATE_TOOLS_MAX || def->tools == NULL) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "pal_engine_def.tool_count: %d: must be 1 to %d, with tools",
+                        (int)def->tool_count, PALPATE_TOOLS_MAX);
+    }
+    if (def->max_contacts < 1 || def->max_contacts > CONTACTS_MAX) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "pal_engine_def.max_contacts: %d: must be 1 to %d", (int)def->max_contacts,
+                        CONTACTS_MAX);
+    }
+    if (def->reader_count < 0 || def->reader_count > READERS_MAX || def->frame_age < 1) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "pal_engine_def: reader_count %d must be 0 to %d, frame_age %d at least 1",
+                        (int)def->reader_count, READERS_MAX, (int)def->frame_age);
+    }
+    if (!pal_pose_valid(&def->body_pose) || !pal_pose_valid(&def->device_to_world)) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "pal_engine_def: body_pose or device_to_world is not a finite pose with a "
+                        "unit quaternion");
+    }
+    if (!(def->device_scale > 0.0) || !isfinite(def->device_scale) || !(def->period > 0.0) ||
+        !isfinite(def->period)) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "pal_engine_def: device_scale %g and period %g s must be positive",
+                        def->device_scale, def->period);
+    }
+    for (int32_t t = 0; t < def->tool_count; t++) {
+        pal_status status = check_tool(&def->tools[t], t, error);
+        if (status != PALPATE_OK) {
+            return status;
+        }
+    }
+    pal_contact_def contact = contact_def(def);
+    return pal_contact_law_for(def)->check(model, &contact, error);
+}
+
+// ---- Memory -------------------------------------------------------------------------------------
+
+static size_t padded(size_t bytes) {
+    return (bytes + LINE - 1) / LINE * LINE;
+}
+
+/// Rows the kernel computes: all of them, up to a whole 64-byte line of the column.
+static int64_t kernel_rows(const pal_model *model) {
+    if (model->info.row_count == 0 || model->c_st == NULL) {
+        return 0;
+    }
+    int64_t granule = LINE / (int64_t)pal_precision_size(model->info.precision);
+    return (3 * (int64_t)model->info.row_count + granule - 1) / granule * granule;
+}
+
+static size_t force32_bytes(const pal_model *model) {
+    return padded(3 * (size_t)model->info.column_count * sizeof(float));
+}
+
+static size_t block_bytes(const pal_model *model, const pal_engine_def *def) {
+    pal_contact_def contact = contact_def(def);
+    return padded(sizeof(pal_engine)) + pal_contact_law_for(def)->bytes(model, &contact) +
+           force32_bytes(model) +
+           (size_t)def->reader_count *
+               (padded(sizeof(pal_reader)) + pal_snapshot_bytes(kernel_rows(model)));
+}
+
+size_t pal_engine_bytes(const pal_model *model, const pal_engine_def *def) {
+    return check(model, def, NULL) == PALPATE_OK ? block_bytes(model, def) : 0;
+}
+
+static void *take(unsigned char **at, size_t bytes) {
+    void *here = *at;
+    *at += padded(bytes);
+    return here;
+}
+
+pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def, pal_engine **out,
+                             pal_error *error) {
+    if (out == NULL) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "pal_engine_create: no place for the engine");
+    }
+    *out = NULL;
+    pal_status status = check(model, def, error);
+    if (status != PALPATE_OK) {
+        return status;
+    }
+    size_t bytes = block_bytes(model, def);
+    unsigned char *block = aligned_alloc(LINE, bytes);
+    if (block == NULL) {
+        return pal_fail(error, PALPATE_ERROR_MEMORY,
+                        "pal_engine_create: %zu bytes for the engine; lower max_contacts (%d) or "
+                        "reader_count (%d)",
+                        bytes, (int)def->max_contacts, (int)def->reader_count);
+    }
+    unsigned char *at = block;
+    pal_engine *engine = take(&at, sizeof *engine);
+    memset(engine, 0, sizeof *engine);
+    engine->model = model;
+    engine->bytes = bytes;
+    engine->def = *def;
+    memcpy(engine->tools, def->tools, (size_t)def->tool_count * sizeof *def->tools);
+    engine->def.tools = engine->tools;
+    engine->frames = pal_frames_make(&def->body_pose, &def->device_to_world, def->device_scale);
+    engine->isa = pal_field_best();
+    engine->law = pal_contact_law_for(&engine->def);
+    pal_contact_def contact = contact_def(&engine->def);
+    engine->contact = engine->law->init(take(&at, engine->law->bytes(model, &contact)), model,
+                                        &contact);
+    engine->force32 = take(&at, force32_bytes(model));
+    memset(engine->force32, 0, force32_bytes(model));
+    engine->rows = kernel_rows(model);
+    engine->reader = (pal_reader *)(void *)at;
+    at += (size_t)def->reader_count * padded(sizeof(pal_reader));
+    for (int32_t r = 0; r < def->reader_count; r++) {
+        pal_snapshot_init(&engine->reader[r], take(&at, pal_snapshot_bytes(engine->rows)),
+                          engine->rows);
+    }
+    assert(at == block + bytes);
+    for (int32_t t = 0; t < def->tool_count; t++) {
+        pal_output_init(&engine->output[t], &engine->tools[t].limits, def->period);
+    }
+    *out = engine;
+    return PALPATE_OK;
+}
+
+void pal_engine_free(pal_engine *engine) {
+    free(engine); // one block
+}
+
+void pal_engine_reset(pal_engine *engine) {
+    engine->law->reset(engine->contact);
+    engine->result = (pal_contact_result){0};
+    engine->counts = (pal_engine_counts){0};
+    for (int32_t t = 0; t < engine->def.tool_count; t++) {
+        engine->input[t] = (pal_contact_tool){0};
+        engine->force[t] = (pal_tool_force){0};
+        pal_output_reset(&engine->output[t]);
+    }
+}
+
+void pal_engine_get_counts(const pal_engine *engine, pal_engine_counts *out) {
+    *out = engine->counts;
+}
+
+// ---- Tick ---------------------------------------------------------------------------------------
+
+static void count_faults(pal_engine *engine, uint32_t fault, const double value[32]) {
+    for (int bit = 0; fault != 0; bit++, fault >>= 1) {
+        if (fault & 1u) {
+            engine->counts.fault[bit]++;
+            engine->counts.fault_tick[bit] = engine->counts.ticks - 1;
+            engine->counts.fault_value[bit] = value[bit];
+        }
+    }
+}
+
+/// The value that made a pose unusable, for the counters.
+static double offending(const pal_tool_state *in) {
+    for (int i = 0; i < 3; i++) {
+        if (!isfinite(in->position[i])) {
+            return in->position[i];
+        }
+    }
+    double norm = 0.0;
+    for (int i = 0; i < 4; i++) {
+        norm += in->orientation[i] * in->orientation[i];
+    }
+    return sqrt(norm);
+}
+
+/// Device pose -> body frame; a pose that is not finite leaves the last good one in place.
+static uint32_t read_input(pal_engine *engine, int32_t t, const pal_tool_state *in,
+                           double value[32]) {
+    pal_contact_tool *tool = &engine->input[t];
+    pal_pose pose;
+    memcpy(pose.position, in->position, sizeof pose.position);
+    memcpy(pose.orientation, in->orientation, sizeof pose.orientation);
+    if (!pal_pose_valid(&pose)) {
+        value[0] = offending(in);
+        return PALPATE_FAULT_INPUT;
+    }
+    pal_frames_to_body(&engine->frames, in->position, in->orientation, &tool->pose);
+    tool->closed = (in->buttons & 1u) != 0;
+    tool->present = 1;
+    return 0;
+}
+
+/// What the body does to the tool, in the device's frame, through the output stage.
+static uint32_t write_output(pal_engine *engine, int32_t t, uint32_t fault, double value[32],
+                             pal_tool_force *out) {
+    const pal_contact_wrench *w = &engine->result.tool[t];
+    double force[3], torque[3];
+    for (int i = 0; i < 3; i++) {
+        force[i] = -w->force[i];
+        torque[i] = -w->torque[i];
+    }
+    *out = (pal_tool_force){.contact_count = w->count, .fault = fault | w->fault, .depth = w->depth};
+    memcpy(out->centroid, w->centroid, sizeof out->centroid);
+    memcpy(out->normal, w->normal, sizeof out->normal);
+    pal_frames_vector_to_device(&engine->frames, force, out->force);
+    pal_frames_vector_to_device(&engine->frames, torque, out->torque);
+    (void)pal_output_apply(&engine->output[t], out, value);
+    engine->force[t] = *out;
+    pal_frames_vector_to_body(&engine->frames, out->force, engine->force[t].force);
+    pal_frames_vector_to_body(&engine->frames, out->torque, engine->force[t].torque);
+    return out->fault;
+}
+
+uint32_t pal_engine_force(pal_engine *engine, const pal_tool_state in[], pal_tool_force out[]) {
+    uint32_t all = 0, fault[PALPATE_TOOLS_MAX] = {0};
+    double value[PALPATE_TOOLS_MAX][32] = {{0.0}};
+    engine->counts.ticks++;
+    for (int32_t t = 0; t < engine->def.tool_count; t++) {
+        fault[t] = read_input(engine, t, &in[t], value[t]);
+    }
+    engine->law->solve(engine->contact, engine->input, &engine->result);
+
+    pal_contact_result *result = &engine->result;
+    int touched = 0, finite = 1;
+    for (int32_t k = 0; k < result->dof_count; k++) {
+        engine->force32[k] = (float)(result->force[k] * engine->model->row_scale);
+        finite &= isfinite(engine->force32[k]) != 0;
+    }
+    for (int32_t t = 0; t < engine->def.tool_count; t++) {
+        value[t][2] = result->dof_count / 3;
+        value[t][3] = result->dropped;
+        value[t][6] = result->iterations;
+        uint32_t bits = write_output(engine, t, fault[t], value[t], &out[t]);
+        count_faults(engine, bits, value[t]);
+        all |= bits;
+        touched |= out[t].contact_count > 0;
+    }
+    if (!finite || (all & PALPATE_FAULT_FORCE)) { // never into the field or the next tick
+        engine->law->reset(engine->contact);
+        result->dof_count = 0;
+    }
+    engine->counts.contact_ticks += (uint64_t)touched;
+    engine->counts.contacts_dropped += (uint64_t)result->dropped;
+    engine->counts.solver_iterations += (uint64_t)result->iterations;
+    if (result->iterations > engine->counts.worst_iterations) {
+        engine->counts.worst_iterations = result->iterations;
+    }
+    return all;
+}
+
+static int wants_frame(const pal_engine *engine, const pal_reader *reader, uint64_t tick) {
+    return reader->published == 0 || !pal_snapshot_unread(reader) ||
+           tick - reader->published_tick >= (uint64_t)engine->def.frame_age;
+}
+
+void pal_engine_field(pal_engine *engine) {
+    uint64_t tick = engine->counts.ticks - (engine->counts.ticks > 0);
+    const float *field = NULL; // computed once, in the first reader's buffer
+    for (int32_t r = 0; r < engine->def.reader_count; r++) {
+        pal_reader *reader = &engine->reader[r];
+        if (!wants_frame(engine, reader, tick)) {
+            continue;
+        }
+        pal_slot *slot = pal_snapshot_back(reader);
+        if (engine->rows > 0 && field == NULL) {
+            const pal_field_job job = {.precision = engine->model->info.precision,
+                                       .block = engine->model->c_st,
+                                       .ld = engine->model->row_ld,
+                                       .rows = engine->rows,
+                                       .count = engine->result.dof_count,
+                                       .dof = engine->result.dof,
+                                       .f = engine->result.force,
+                                       .f32 = engine->force32,
+                                       .out = slot->displacement};
+            pal_field_sweep(engine->isa, &job);
+            field = slot->displacement;
+        } else if (field != NULL) {
+            memcpy(slot->displacement, field, (size_t)engine->rows * sizeof *field);
+        }
+        pal_frame *frame = &slot->frame;
+        frame->tick = tick;
+        frame->time_ns = llrint((double)tick * engine->def.period * 1e9);
+        frame->row_count = engine->model->info.row_count;
+        frame->tool_count = engine->def.tool_count;
+        frame->displacement = engine->rows > 0 ? slot->displacement : NULL;
+        for (int32_t t = 0; t < engine->def.tool_count; t++) {
+            frame->tool_pose[t] = engine->result.tool[t].proxy;
+            frame->tool_force[t] = engine->force[t];
+        }
+        (void)pal_snapshot_publish(reader);
+        engine->counts.frames_published++;
+    }
+}
+
+uint32_t pal_engine_tick(pal_engine *engine, const pal_tool_state in[], pal_tool_force out[]) {
+    uint32_t fault = pal_engine_force(engine, in, out);
+    pal_engine_field(engine);
+    return fault;
+}
+
+// ---- Readers ------------------------------------------------------------------------------------
+
+pal_reader *pal_engine_reader(pal_engine *engine, int32_t index) {
+    if (engine == NULL || index < 0 || index >= engine->def.reader_count) {
+        return NULL;
+    }
+    return &engine->reader[index];
+}
+
+int pal_engine_snapshot(pal_reader *reader, pal_frame *frame) {
+    return reader != NULL && frame != NULL ? pal_snapshot_take(reader, frame) : -1;
+}
