@@ -35,6 +35,11 @@ typedef enum pal_volumetric {
     PALPATE_VOLUMETRIC_MIXED = 2  ///< displacement/pressure (paper 1, section 2.4)
 } pal_volumetric;
 
+typedef enum pal_cell_form {
+    PALPATE_CELL_SYMMETRIC = 0, ///< strains of pairs and dilatations of nodes averaged over the cells
+    PALPATE_CELL_COLLOCATED = 1 ///< MLS gradient at the pairs' midpoints (design 2.2), nonsymmetric
+} pal_cell_form;
+
 /// Options of a method; 0 in a numeric field means the method's own default.
 typedef struct pal_method {
     pal_method_kind kind;
@@ -44,6 +49,7 @@ typedef struct pal_method {
     int32_t exponent;        ///< p of the singular weight s^-2p
     int32_t fictitious;      ///< point: 1: fictitious nodes outside each traction node + PDE on the boundary
     pal_volumetric volumetric;
+    pal_cell_form form;      ///< cell
     double stabilization;    ///< method's own stabilization factor; negative: default
     int32_t integration;     ///< galerkin: points per cell; 0: default
 } pal_method;

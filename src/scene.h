@@ -116,8 +116,12 @@ char *pal_place_text(const pal_scene *scene, const pal_place *place, char *out, 
 pal_status pal_scene_warn(pal_scene *scene, const pal_place *place, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
-/// 1 when a point (physical coordinates) is selected by any selector of the list.
+/// 1 when a point (physical coordinates [m]) is selected by any selector of the list.
+/// @param body_size  largest extent of the body's bounding box [m]; the tolerance is 1e-6 of it
 int pal_select(const pal_selector_list *list, const double x[3], double body_size);
+
+/// How far a point lies outside the nearest selector of the list [m]; 0: inside one.
+double pal_select_distance(const pal_selector_list *list, const double x[3]);
 
 /// Build the node cloud of a scene (geometry.c, cloud_build.c; starts the mesher process).
 /// @param[out] rest_skin  may be NULL; see struct

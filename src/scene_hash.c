@@ -101,10 +101,10 @@ pal_status pal_scene_write_canonical(pal_scene *scene, pal_error *error) {
     (void)fprintf(f, "palpate %d\n", (int)scene->version);
     body(f, scene);
     (void)fprintf(f, "method %d basis %d derivatives %d neighbours %d exponent %d fictitious %d "
-                  "volumetric %d stabilization %.17g integration %d\n",
+                  "volumetric %d form %d stabilization %.17g integration %d\n",
                   (int)m->kind, (int)m->basis, (int)m->derivatives, (int)m->neighbours,
-                  (int)m->exponent, (int)m->fictitious, (int)m->volumetric, m->stabilization,
-                  (int)m->integration);
+                  (int)m->exponent, (int)m->fictitious, (int)m->volumetric, (int)m->form,
+                  m->stabilization, (int)m->integration);
     (void)fprintf(f, "repair %d\ncertify %d\nstore %d precision %d tolerance %.17g\n",
                   (int)scene->symmetrize, (int)scene->certify_warn, (int)scene->store_rows,
                   (int)scene->precision, scene->store_tolerance);
