@@ -1,15 +1,17 @@
-/// make_organ.c  Writes scenes/organ.obj: a liver-like closed surface that the project makes itself.
+/// make_organ.c  Writes scenes/organ.obj: a liver-like closed surface that the project makes
+/// itself.
 ///
 ///     cc -O1 -ffp-contract=off scenes/make_organ.c -lm -o /tmp/make_organ
 ///     /tmp/make_organ > scenes/organ.obj
 ///
-/// A unit ball is mapped onto the organ by p = T(r(d) d): r(d) > 0 pulls the surface in and out along
-/// its radius (the dome of the right lobe, the notch between the lobes, the hollow underneath), T
-/// scales the axes, thins the left lobe (cross-sections scaled by a positive function of x) and bends
-/// the body (a shear by a function of x). Each step maps one to one and keeps orientation, so the
-/// smooth surface cannot intersect itself. The triangles are those of a geodesic sphere (icosahedron,
-/// each edge split in FREQUENCY), moved along the surface until their edges are even; that the moved
-/// triangles still cover the sphere once is checked. Metres; 10 f^2 + 2 vertices, 20 f^2 triangles.
+/// A unit ball is mapped onto the organ by p = T(r(d) d): r(d) > 0 pulls the surface in and out
+/// along its radius (the dome of the right lobe, the notch between the lobes, the hollow
+/// underneath), T scales the axes, thins the left lobe (cross-sections scaled by a positive
+/// function of x) and bends the body (a shear by a function of x). Each step maps one to one and
+/// keeps orientation, so the smooth surface cannot intersect itself. The triangles are those of a
+/// geodesic sphere (icosahedron, each edge split in FREQUENCY), moved along the surface until their
+/// edges are even; that the moved triangles still cover the sphere once is checked. Metres; 10 f^2
+/// + 2 vertices, 20 f^2 triangles.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -42,10 +44,10 @@ static double notch(const double d[3]) {
 }
 
 static double radius(const double d[3]) {
-    return 1.0 + 0.10 * bump(d, -0.6, 0.2, 0.8, 0.7)  // dome of the right lobe
-           - 0.24 * notch(d)                          // between the lobes
-           - 0.24 * bump(d, -0.1, -0.35, -1.0, 0.45)  // hollow underneath
-           + 0.06 * bump(d, -0.9, -0.5, -0.2, 0.5);   // lower tip of the right lobe
+    return 1.0 + 0.10 * bump(d, -0.6, 0.2, 0.8, 0.7) // dome of the right lobe
+           - 0.24 * notch(d)                         // between the lobes
+           - 0.24 * bump(d, -0.1, -0.35, -1.0, 0.45) // hollow underneath
+           + 0.06 * bump(d, -0.9, -0.5, -0.2, 0.5);  // lower tip of the right lobe
 }
 
 static double taper(double x) {
@@ -127,8 +129,9 @@ static void add(int a, int b, int c) {
 
 static void geodesic_sphere(void) {
     const double g = (1.0 + sqrt(5.0)) / 2.0;
-    const double v[12][3] = {{-1, g, 0}, {1, g, 0}, {-1, -g, 0}, {1, -g, 0}, {0, -1, g}, {0, 1, g},
-                             {0, -1, -g}, {0, 1, -g}, {g, 0, -1}, {g, 0, 1}, {-g, 0, -1}, {-g, 0, 1}};
+    const double v[12][3] = {{-1, g, 0}, {1, g, 0}, {-1, -g, 0}, {1, -g, 0},
+                             {0, -1, g}, {0, 1, g}, {0, -1, -g}, {0, 1, -g},
+                             {g, 0, -1}, {g, 0, 1}, {-g, 0, -1}, {-g, 0, 1}};
     static const int f[20][3] = {{0, 11, 5}, {0, 5, 1},  {0, 1, 7},   {0, 7, 10}, {0, 10, 11},
                                  {1, 5, 9},  {5, 11, 4}, {11, 10, 2}, {10, 7, 6}, {7, 1, 8},
                                  {3, 9, 4},  {3, 4, 2},  {3, 2, 6},   {3, 6, 8},  {3, 8, 9},
@@ -149,8 +152,8 @@ static void geodesic_sphere(void) {
     }
 }
 
-/// Move every vertex towards the centroid of its triangles, weighted by their areas (which evens the
-/// areas out), and back onto the surface; one sweep.
+/// Move every vertex towards the centroid of its triangles, weighted by their areas (which evens
+/// the areas out), and back onto the surface; one sweep.
 static void relax(void) {
     static double sum[VERTICES][3];
     static double weight[VERTICES];

@@ -1,9 +1,11 @@
 /// A scene's selectors applied to its cloud, and the checks that only the cloud can answer.
 ///
 /// - Every selection must hold a node; an empty one is an error that names the nearest node.
-/// - Held against rigid motion: u = a + b x r must vanish on the fixed nodes only for a = b = 0. One
+/// - Held against rigid motion: u = a + b x r must vanish on the fixed nodes only for a = b = 0.
+/// One
 ///   fixed place leaves three rotations about it, fixed places on one line leave the rotation about
-///   that line, three places off a line leave nothing. Checked for every connected part of the body.
+///   that line, three places off a line leave nothing. Checked for every connected part of the
+///   body.
 /// - Probes lie in the body: winding number of the surface (Van Oosterom and Strackee, The solid
 ///   angle of a plane triangle, IEEE Trans. Biomed. Eng. 1983, Eq. 8), with half a spacing of slack
 ///   where the chords of the triangles cut off a curved body.
@@ -68,7 +70,8 @@ static pal_status fail_memory(const checking *c) {
     return pal_fail(c->error, PALPATE_ERROR_MEMORY, "%.300s: out of memory", c->scene->shown);
 }
 
-// ---- Selections ----------------------------------------------------------------------------------
+// ---- Selections
+// ----------------------------------------------------------------------------------
 
 /// Mark the surface nodes of a list. @return how many
 static int32_t mark(const checking *c, const pal_selector_list *list, uint8_t *marks) {
@@ -97,10 +100,11 @@ static pal_status fail_empty(const checking *c, const pal_place *place,
         }
     }
     char text[400];
-    (void)snprintf(text, sizeof text,
-                   "found no surface node in it (the nearest of %d is at [%.6g, %.6g, %.6g], %.3g m "
-                   "outside); allowed: at least one; enlarge it, or use a finer body.spacing",
-                   (int)c->cloud->surface_count, at[0], at[1], at[2], best);
+    (void)snprintf(
+        text, sizeof text,
+        "found no surface node in it (the nearest of %d is at [%.6g, %.6g, %.6g], %.3g m "
+        "outside); allowed: at least one; enlarge it, or use a finer body.spacing",
+        (int)c->cloud->surface_count, at[0], at[1], at[2], best);
     return fail_at(c, place, text);
 }
 
@@ -108,8 +112,8 @@ static pal_status fail_empty(const checking *c, const pal_place *place,
 static pal_status warn_idle(const checking *c, const pal_selector_list *list, uint8_t *marks) {
     for (int32_t i = 0; i < list->count && list->count > 1; i++) {
         pal_selector_list one = {.count = 1, .item = &list->item[i]};
-        if (mark(c, &one, marks) == 0 &&
-            pal_scene_warn(c->scene, &list->item[i].place, "selects no surface node") != PALPATE_OK) {
+        if (mark(c, &one, marks) == 0 && pal_scene_warn(c->scene, &list->item[i].place,
+                                                        "selects no surface node") != PALPATE_OK) {
             return fail_memory(c);
         }
     }
@@ -175,8 +179,8 @@ static pal_status select_touchable(const checking *c, uint8_t *marks) {
     // `all` (the default) means all that is free: nothing to warn about
     if (both > 0 && !covers_all(&scene->touchable) &&
         pal_scene_warn(scene, &scene->touchable_place,
-                       "%d of its %d nodes are fixed; fixed wins, they cannot be touched", (int)both,
-                       (int)count) != PALPATE_OK) {
+                       "%d of its %d nodes are fixed; fixed wins, they cannot be touched",
+                       (int)both, (int)count) != PALPATE_OK) {
         return fail_memory(c);
     }
     return PALPATE_OK;
@@ -233,7 +237,8 @@ static pal_status select_patches(const checking *c, uint8_t *marks) {
     return PALPATE_OK;
 }
 
-// ---- Rigid motion --------------------------------------------------------------------------------
+// ---- Rigid motion
+// --------------------------------------------------------------------------------
 
 static int32_t root_of(int32_t *parent, int32_t i) {
     while (parent[i] != i) {
@@ -308,9 +313,11 @@ static pal_status check_part(const checking *c, const int32_t *part, int32_t whi
     double off;
     int32_t a = farthest(c, part, which, corner, NULL, &apart);
     if (a < 0) {
-        (void)snprintf(text, sizeof text,
-                       "found no fixed node on %s: it can move freely; allowed: at least three fixed "
-                       "nodes off one line; fix it too, or remove it", name);
+        (void)snprintf(
+            text, sizeof text,
+            "found no fixed node on %s: it can move freely; allowed: at least three fixed "
+            "nodes off one line; fix it too, or remove it",
+            name);
         return fail_at(c, &c->scene->fixed_place, text);
     }
     double from[3];
@@ -327,10 +334,12 @@ static pal_status check_part(const checking *c, const int32_t *part, int32_t whi
     }
     (void)farthest(c, part, which, from, to, &off);
     if (off <= LINE * c->size) {
-        (void)snprintf(text, sizeof text,
-                       "found %s held on one line only, [%.6g, %.6g, %.6g] to [%.6g, %.6g, %.6g]: it "
-                       "can turn about it; allowed: at least three fixed nodes off one line; enlarge "
-                       "the selector", name, from[0], from[1], from[2], to[0], to[1], to[2]);
+        (void)snprintf(
+            text, sizeof text,
+            "found %s held on one line only, [%.6g, %.6g, %.6g] to [%.6g, %.6g, %.6g]: it "
+            "can turn about it; allowed: at least three fixed nodes off one line; enlarge "
+            "the selector",
+            name, from[0], from[1], from[2], to[0], to[1], to[2]);
         return fail_at(c, &c->scene->fixed_place, text);
     }
     return PALPATE_OK;
@@ -356,7 +365,8 @@ static pal_status check_held(const checking *c) {
     return status;
 }
 
-// ---- Probes ----------------------------------------------------------------------------------------
+// ---- Probes
+// ----------------------------------------------------------------------------------------
 
 /// Distance from x to the triangle a, b, c (Ericson, Real-Time Collision Detection, 5.1.5: regions
 /// of the nearest point).
@@ -460,7 +470,8 @@ static pal_status check_probes(const checking *c) {
 pal_status pal_scene_select_nodes(pal_scene *scene, const pal_cloud *cloud, pal_node_sets *out,
                                   pal_error *error) {
     *out = (pal_node_sets){0};
-    checking c = {.scene = scene, .cloud = cloud, .size = body_size(cloud), .sets = out, .error = error};
+    checking c = {
+        .scene = scene, .cloud = cloud, .size = body_size(cloud), .sets = out, .error = error};
     uint8_t *marks = malloc((size_t)cloud->surface_count + 1);
     out->flags = calloc((size_t)cloud->node_count + 1, 1);
     pal_status status = marks == NULL || out->flags == NULL ? fail_memory(&c) : PALPATE_OK;

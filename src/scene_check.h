@@ -1,5 +1,5 @@
-/// @file scene_check.h  A scene's selectors applied to its cloud: node sets, and the checks that need
-/// them (an empty patch, nothing fixed, a body not held against every rigid motion).
+/// @file scene_check.h  A scene's selectors applied to its cloud: node sets, and the checks that
+/// need them (an empty patch, nothing fixed, a body not held against every rigid motion).
 #ifndef PALPATE_SRC_SCENE_CHECK_H
 #define PALPATE_SRC_SCENE_CHECK_H
 
@@ -13,7 +13,8 @@ typedef struct pal_node_sets {
     int32_t fixed_count, touchable_count;
     int32_t patch_count;
     int32_t *patch_start; ///< (patch_count + 1)
-    int32_t *patch_node;  ///< nodes of patch p: patch_node[patch_start[p] .. patch_start[p+1]), ascending
+    int32_t *
+        patch_node; ///< nodes of patch p: patch_node[patch_start[p] .. patch_start[p+1]), ascending
 } pal_node_sets;
 
 /// Select the nodes; warnings (a fixed node also touchable or in a patch) go to the scene.

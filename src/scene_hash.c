@@ -1,8 +1,9 @@
 /// Canonical text and content hash of a scene.
 ///
-/// The hash names a cached model, so it covers all that determines one: the canonical text (defaults
-/// filled in, numbers by value and not by spelling), the surface file's content (not its path), the
-/// program's version and the revision of its numerics. Tools and rates are not part of it.
+/// The hash names a cached model, so it covers all that determines one: the canonical text
+/// (defaults filled in, numbers by value and not by spelling), the surface file's content (not its
+/// path), the program's version and the revision of its numerics. Tools and rates are not part of
+/// it.
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -38,7 +39,7 @@ static void selectors(FILE *f, const char *name, const pal_selector_list *list) 
         case PALPATE_SELECT_BELOW:
         case PALPATE_SELECT_ABOVE:
             (void)fprintf(f, "  %s %c %.17g\n", s->kind == PALPATE_SELECT_BELOW ? "below" : "above",
-                          "xyz"[s->axis], s->value);
+                          "xyz"[s->axis], s -> value);
             break;
         }
     }
@@ -100,7 +101,8 @@ pal_status pal_scene_write_canonical(pal_scene *scene, pal_error *error) {
     const pal_method *m = &scene->method;
     (void)fprintf(f, "palpate %d\n", (int)scene->version);
     body(f, scene);
-    (void)fprintf(f, "method %d basis %d derivatives %d neighbours %d exponent %d fictitious %d "
+    (void)fprintf(f,
+                  "method %d basis %d derivatives %d neighbours %d exponent %d fictitious %d "
                   "volumetric %d form %d stabilization %.17g integration %d\n",
                   (int)m->kind, (int)m->basis, (int)m->derivatives, (int)m->neighbours,
                   (int)m->exponent, (int)m->fictitious, (int)m->volumetric, (int)m->form,

@@ -4,8 +4,8 @@
 
 #include "src/scene.h"
 
-/// Write scene->canonical: every key that determines the model, defaults included, one a line, numbers
-/// as %.17g. The thread's locale must be "C". @return PALPATE_OK, _MEMORY
+/// Write scene->canonical: every key that determines the model, defaults included, one a line,
+/// numbers as %.17g. The thread's locale must be "C". @return PALPATE_OK, _MEMORY
 pal_status pal_scene_write_canonical(pal_scene *scene, pal_error *error);
 
 #endif

@@ -14,10 +14,11 @@
 char *pal_place_text(const pal_scene *scene, const pal_place *place, char *out, size_t size) {
     const char *colon = place->key[0] != 0 ? ": " : "";
     if (place->set > 0 && place->set <= scene->override_count) {
-        (void)snprintf(out, size, "--set %s%s%s", scene->override[place->set - 1], colon, place->key);
+        (void)snprintf(out, size, "--set %s%s%s", scene->override[place->set - 1], colon,
+                       place->key);
     } else if (place->line > 0) {
-        (void)snprintf(out, size, "%s:%d:%d%s%s", scene->shown, (int)place->line, (int)place->column,
-                       colon, place->key);
+        (void)snprintf(out, size, "%s:%d:%d%s%s", scene->shown, (int)place->line,
+                       (int)place->column, colon, place->key);
     } else {
         (void)snprintf(out, size, "%s%s%s", scene->shown, colon, place->key);
     }
@@ -80,18 +81,21 @@ int pal_scene_warning_count(const pal_scene *scene) {
 }
 
 const char *pal_scene_warning(const pal_scene *scene, int index) {
-    return scene != NULL && index >= 0 && index < scene->warning_count ? scene->warning[index] : NULL;
+    return scene != NULL && index >= 0 && index < scene->warning_count ? scene->warning[index]
+                                                                       : NULL;
 }
 
 /// The whole file in memory, at most PALPATE_SCENE_BYTES_MAX.
 static pal_status read_file(const char *path, char **out, size_t *size, pal_error *error) {
     struct stat st;
     if (stat(path, &st) == 0 && !S_ISREG(st.st_mode)) {
-        return pal_fail(error, PALPATE_ERROR_IO, "%.400s: not a regular file; give a scene file", path);
+        return pal_fail(error, PALPATE_ERROR_IO, "%.400s: not a regular file; give a scene file",
+                        path);
     }
     FILE *file = fopen(path, "rb");
     if (file == NULL) {
-        return pal_fail(error, PALPATE_ERROR_IO, "%.400s: cannot be read (%s)", path, strerror(errno));
+        return pal_fail(error, PALPATE_ERROR_IO, "%.400s: cannot be read (%s)", path,
+                        strerror(errno));
     }
     pal_status status = PALPATE_OK;
     char *text = malloc(PALPATE_SCENE_BYTES_MAX + 1);
@@ -133,7 +137,8 @@ static pal_status keep_names(pal_scene *scene, const char *path, const char *con
     }
     free(real);
     if (!fits) {
-        return pal_fail(error, PALPATE_ERROR_IO, "%.400s: the path is longer than 1023 bytes", path);
+        return pal_fail(error, PALPATE_ERROR_IO, "%.400s: the path is longer than 1023 bytes",
+                        path);
     }
     scene->override = count > 0 ? calloc((size_t)count, sizeof *scene->override) : NULL;
     for (int i = 0; i < count && scene->override != NULL; i++) {
@@ -195,7 +200,8 @@ pal_status pal_scene_load(const char *path, const char *const overrides[], int o
     }
     for (int i = 0; i < override_count; i++) {
         if (overrides[i] == NULL) {
-            return pal_fail(error, PALPATE_ERROR_ARGUMENT, "pal_scene_load: override %d is NULL", i);
+            return pal_fail(error, PALPATE_ERROR_ARGUMENT, "pal_scene_load: override %d is NULL",
+                            i);
         }
     }
     // numbers are written with a point whatever the host's locale; this thread only

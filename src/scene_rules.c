@@ -8,13 +8,15 @@
 
 #include "haptic/error.h"
 #include "src/scene_schema.h"
+#include "src/scene_size.h"
 
 pal_status pal_rule_geometry(pal_reading *r, const pal_value *value, void *object) {
     const struct pal_scene *scene = object;
     const pal_value *scale = pal_value_get(value, "scale");
     if (!pal_value_is_null(scale) && scene->geometry.kind != PALPATE_GEOMETRY_FILE) {
         return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_key(value, "scale"), "scale",
-                                "a scale for a shape given in metres", "with file only", "remove it");
+                                "a scale for a shape given in metres", "with file only",
+                                "remove it");
     }
     return PALPATE_OK;
 }
@@ -36,10 +38,10 @@ pal_status pal_rule_selector_box(pal_reading *r, const pal_value *value, void *o
         }
         if (s->low[i] > s->high[i]) {
             char found[120];
-            (void)snprintf(found, sizeof found, "min %g above max %g on axis %c", s->low[i], s->high[i],
-                           "xyz"[i]);
-            return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_get(value, "min"), NULL, found,
-                                    "min at most max on every axis", "exchange them");
+            (void)snprintf(found, sizeof found, "min %g above max %g on axis %c", s->low[i],
+                           s->high[i], "xyz"[i]);
+            return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_get(value, "min"), NULL,
+                                    found, "min at most max on every axis", "exchange them");
         }
     }
     return PALPATE_OK;
@@ -51,9 +53,10 @@ pal_status pal_rule_refine(pal_reading *r, const pal_value *value, void *object)
     int radius = !pal_value_is_null(pal_value_get(value, "radius"));
     int rim = !pal_value_is_null(pal_value_get(value, "rim"));
     if (rim + (center && radius) != 1 || center != radius) {
-        const char *found = rim ? "rim and a ball" : center ? "center without radius"
-                            : radius                        ? "radius without center"
-                                                            : "only a spacing";
+        const char *found = rim      ? "rim and a ball"
+                            : center ? "center without radius"
+                            : radius ? "radius without center"
+                                     : "only a spacing";
         return pal_reading_fail(r, PALPATE_ERROR_SCENE, value, NULL, found,
                                 "center and radius, or rim", "write one of the two");
     }
@@ -81,8 +84,8 @@ pal_status pal_rule_method(pal_reading *r, const pal_value *value, void *object)
             for (int k = 0; k < 3; k++) {
                 size_t n = strlen(allowed);
                 if ((methods >> k & 1) != 0) {
-                    (void)snprintf(allowed + n, sizeof allowed - n, "%s%s", n > 0 ? " and " : "with ",
-                                   names[k]);
+                    (void)snprintf(allowed + n, sizeof allowed - n, "%s%s",
+                                   n > 0 ? " and " : "with ", names[k]);
                 }
             }
             return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_key(value, name), name, found,
@@ -156,15 +159,17 @@ pal_status pal_rule_tool(pal_reading *r, const pal_value *value, void *object) {
             char found[120];
             (void)snprintf(found, sizeof found, "%s, the name of tools[%d]", tool->name, i);
             const pal_value *name = pal_value_get(value, "name");
-            return pal_reading_fail(r, PALPATE_ERROR_SCENE, name != NULL ? name : value, "name", found,
-                                    "a name of its own", "rename one");
+            return pal_reading_fail(r, PALPATE_ERROR_SCENE, name != NULL ? name : value, "name",
+                                    found, "a name of its own", "rename one");
         }
     }
     tool->has_start = !pal_value_is_null(pal_value_get(value, "start"));
-    if (pal_value_key(value, "device") != NULL && pal_value_is_null(pal_value_get(value, "device"))) {
+    if (pal_value_key(value, "device") != NULL &&
+        pal_value_is_null(pal_value_get(value, "device"))) {
         tool->device.kind = PALPATE_DEVICE_NULL;
     }
-    return tool->device.kind == PALPATE_DEVICE_SCRIPTED ? rule_scripted(r, value, tool) : PALPATE_OK;
+    return tool->device.kind == PALPATE_DEVICE_SCRIPTED ? rule_scripted(r, value, tool)
+                                                        : PALPATE_OK;
 }
 
 /// Refine zones that name a patch, and zones that do not refine.
@@ -186,13 +191,16 @@ static pal_status rule_refinement(pal_reading *r, const pal_value *body) {
             }
             (void)snprintf(key, sizeof key, "refine[%d].rim", (int)i);
             const pal_value *zone = pal_value_get(body, "refine")->item[i];
-            return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_get(zone, "rim"), key, refine->rim,
+            return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_get(zone, "rim"), key,
+                                    refine->rim,
                                     scene->patch_count > 0 ? list : "a name from body.patches",
                                     "name a patch of body.patches");
         }
         if (refine->spacing > scene->spacing &&
-            pal_scene_warn(scene, &refine->place, "spacing %g m is coarser than body.spacing %g m: "
-                           "it has no effect", refine->spacing, scene->spacing) != PALPATE_OK) {
+            pal_scene_warn(scene, &refine->place,
+                           "spacing %g m is coarser than body.spacing %g m: "
+                           "it has no effect",
+                           refine->spacing, scene->spacing) != PALPATE_OK) {
             return pal_reading_memory(r);
         }
     }
@@ -206,6 +214,9 @@ pal_status pal_rule_body(pal_reading *r, const pal_value *value, void *object) {
         return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_get(value, "fixed"), "fixed",
                                 "an empty list", "at least one selector",
                                 "hold the body somewhere, e.g. - {below: {z: 0}}");
+    }
+    if (status == PALPATE_OK) {
+        status = pal_scene_check_primitive(scene, r->error);
     }
     return status;
 }

@@ -26,29 +26,37 @@
 
 // Rows. The last arguments are bindings; END only makes the argument list never empty.
 #define MAP_(path, def, help, ...)                                                                 \
-    {path, "mapping", "", "", def, help, BIND(.kind = PALPATE_KEY_MAP, __VA_ARGS__)}
+    { path, "mapping", "", "", def, help, BIND(.kind = PALPATE_KEY_MAP, __VA_ARGS__) }
 #define MAP(...) MAP_(__VA_ARGS__, END)
 #define ONE_OF_(path, allowed, def, help, ...)                                                     \
-    {path, "one of", "", allowed, def, help, BIND(.kind = PALPATE_KEY_ONE_OF, __VA_ARGS__)}
+    { path, "one of", "", allowed, def, help, BIND(.kind = PALPATE_KEY_ONE_OF, __VA_ARGS__) }
 #define ONE_OF(...) ONE_OF_(__VA_ARGS__, END)
 #define NUMBER_(path, unit, allowed, lo, lo_, hi, hi_, def, help, object, field, ...)              \
-    {path, "number", unit, allowed, def, help,                                                     \
-     BIND(.kind = PALPATE_KEY_NUMBER, AT(object, field), .low = lo, .low_open = lo_, .high = hi,   \
-          .high_open = hi_, __VA_ARGS__)}
+    {                                                                                              \
+        path, "number", unit, allowed, def, help,                                                  \
+            BIND(.kind = PALPATE_KEY_NUMBER, AT(object, field), .low = lo, .low_open = lo_,        \
+                 .high = hi, .high_open = hi_, __VA_ARGS__)                                        \
+    }
 #define NUMBER(...) NUMBER_(__VA_ARGS__, END)
 #define VECTOR_(path, unit, allowed, lo, lo_, hi, hi_, def, help, object, field, ...)              \
-    {path, "vector", unit, allowed, def, help,                                                     \
-     BIND(.kind = PALPATE_KEY_VECTOR, AT(object, field), .low = lo, .low_open = lo_, .high = hi,   \
-          .high_open = hi_, __VA_ARGS__)}
+    {                                                                                              \
+        path, "vector", unit, allowed, def, help,                                                  \
+            BIND(.kind = PALPATE_KEY_VECTOR, AT(object, field), .low = lo, .low_open = lo_,        \
+                 .high = hi, .high_open = hi_, __VA_ARGS__)                                        \
+    }
 #define VECTOR(...) VECTOR_(__VA_ARGS__, END)
 #define INTEGER_(path, allowed, lo, lo_, hi, hi_, def, help, object, field, ...)                   \
-    {path, "integer", "-", allowed, def, help,                                                     \
-     BIND(.kind = PALPATE_KEY_INTEGER, AT(object, field), .low = lo, .low_open = lo_, .high = hi,  \
-          .high_open = hi_, __VA_ARGS__)}
+    {                                                                                              \
+        path, "integer", "-", allowed, def, help,                                                  \
+            BIND(.kind = PALPATE_KEY_INTEGER, AT(object, field), .low = lo, .low_open = lo_,       \
+                 .high = hi, .high_open = hi_, __VA_ARGS__)                                        \
+    }
 #define INTEGER(...) INTEGER_(__VA_ARGS__, END)
 #define CHOICE_(path, words, def, help, object, field, ...)                                        \
-    {path, "choice", "", words, def, help,                                                         \
-     BIND(.kind = PALPATE_KEY_CHOICE, AT(object, field), __VA_ARGS__)}
+    {                                                                                              \
+        path, "choice", "", words, def, help,                                                      \
+            BIND(.kind = PALPATE_KEY_CHOICE, AT(object, field), __VA_ARGS__)                       \
+    }
 #define CHOICE(...) CHOICE_(__VA_ARGS__, END)
 
 #define METHODS(m) .methods = (m)
@@ -60,41 +68,59 @@
 #define SELECTOR_KEYS(path, enter)                                                                 \
     MAP(path ".ball", "(one of)", "nodes inside a ball", OPTION(PALPATE_SELECT_BALL),              \
         PLACE(pal_selector, place), enter),                                                        \
-    VECTOR(path ".ball.center", "m", FINITE, "required", "its centre", pal_selector, center,       \
-           FLAGS(PALPATE_KEY_REQUIRED)),                                                           \
-    NUMBER(path ".ball.radius", "m", POSITIVE, "required", "its radius", pal_selector, radius,     \
-           FLAGS(PALPATE_KEY_REQUIRED)),                                                           \
-    MAP(path ".box", "(one of)", "nodes inside a box along the axes: min and max, or center and size", \
-        OPTION(PALPATE_SELECT_BOX), PLACE(pal_selector, place), .check = pal_rule_selector_box, enter), \
-    VECTOR(path ".box.min", "m", FINITE, "(with max)", "its lowest corner", pal_selector, low),    \
-    VECTOR(path ".box.max", "m", FINITE, "(with min)", "its highest corner", pal_selector, high),  \
-    VECTOR(path ".box.center", "m", FINITE, "(with size)", "its centre", pal_selector, center),    \
-    VECTOR(path ".box.size", "m", NOT_NEGATIVE, "(with center)", "its edge lengths", pal_selector, \
-           high),                                                                                  \
-    ONE_OF(path ".below", "x, y, z", "(one of)", "nodes at or below a value of one axis",          \
-           OPTION(PALPATE_SELECT_BELOW), AT(pal_selector, axis), PLACE(pal_selector, place), enter), \
-    NUMBER(path ".below.x", "m", FINITE, "(one of)", "x at most this", pal_selector, value, OPTION(0)), \
-    NUMBER(path ".below.y", "m", FINITE, "(one of)", "y at most this", pal_selector, value, OPTION(1)), \
-    NUMBER(path ".below.z", "m", FINITE, "(one of)", "z at most this", pal_selector, value, OPTION(2)), \
-    ONE_OF(path ".above", "x, y, z", "(one of)", "nodes at or above a value of one axis",          \
-           OPTION(PALPATE_SELECT_ABOVE), AT(pal_selector, axis), PLACE(pal_selector, place), enter), \
-    NUMBER(path ".above.x", "m", FINITE, "(one of)", "x at least this", pal_selector, value, OPTION(0)), \
-    NUMBER(path ".above.y", "m", FINITE, "(one of)", "y at least this", pal_selector, value, OPTION(1)), \
-    NUMBER(path ".above.z", "m", FINITE, "(one of)", "z at least this", pal_selector, value, OPTION(2)), \
-    MAP(path ".all", "(one of)", "every surface node; also written as the word all",               \
-        .option = PALPATE_SELECT_ALL, FLAGS(PALPATE_KEY_OPTION | PALPATE_KEY_BARE),                \
-        PLACE(pal_selector, place), enter)
+        VECTOR(path ".ball.center", "m", FINITE, "required", "its centre", pal_selector, center,   \
+               FLAGS(PALPATE_KEY_REQUIRED)),                                                       \
+        NUMBER(path ".ball.radius", "m", POSITIVE, "required", "its radius", pal_selector, radius, \
+               FLAGS(PALPATE_KEY_REQUIRED)),                                                       \
+        MAP(path ".box", "(one of)",                                                               \
+            "nodes inside a box along the axes: min and max, or center and size",                  \
+            OPTION(PALPATE_SELECT_BOX), PLACE(pal_selector, place),                                \
+            .check = pal_rule_selector_box, enter),                                                \
+        VECTOR(path ".box.min", "m", FINITE, "(with max)", "its lowest corner", pal_selector,      \
+               low),                                                                               \
+        VECTOR(path ".box.max", "m", FINITE, "(with min)", "its highest corner", pal_selector,     \
+               high),                                                                              \
+        VECTOR(path ".box.center", "m", FINITE, "(with size)", "its centre", pal_selector,         \
+               center),                                                                            \
+        VECTOR(path ".box.size", "m", NOT_NEGATIVE, "(with center)", "its edge lengths",           \
+               pal_selector, high),                                                                \
+        ONE_OF(path ".below", "x, y, z", "(one of)", "nodes at or below a value of one axis",      \
+               OPTION(PALPATE_SELECT_BELOW), AT(pal_selector, axis), PLACE(pal_selector, place),   \
+               enter),                                                                             \
+        NUMBER(path ".below.x", "m", FINITE, "(one of)", "x at most this", pal_selector, value,    \
+               OPTION(0)),                                                                         \
+        NUMBER(path ".below.y", "m", FINITE, "(one of)", "y at most this", pal_selector, value,    \
+               OPTION(1)),                                                                         \
+        NUMBER(path ".below.z", "m", FINITE, "(one of)", "z at most this", pal_selector, value,    \
+               OPTION(2)),                                                                         \
+        ONE_OF(path ".above", "x, y, z", "(one of)", "nodes at or above a value of one axis",      \
+               OPTION(PALPATE_SELECT_ABOVE), AT(pal_selector, axis), PLACE(pal_selector, place),   \
+               enter),                                                                             \
+        NUMBER(path ".above.x", "m", FINITE, "(one of)", "x at least this", pal_selector, value,   \
+               OPTION(0)),                                                                         \
+        NUMBER(path ".above.y", "m", FINITE, "(one of)", "y at least this", pal_selector, value,   \
+               OPTION(1)),                                                                         \
+        NUMBER(path ".above.z", "m", FINITE, "(one of)", "z at least this", pal_selector, value,   \
+               OPTION(2)),                                                                         \
+        MAP(path ".all", "(one of)", "every surface node; also written as the word all",           \
+            .option = PALPATE_SELECT_ALL, FLAGS(PALPATE_KEY_OPTION | PALPATE_KEY_BARE),            \
+            PLACE(pal_selector, place), enter)
 
 #define SELECTOR_WORDS "ball, box, below, above, all"
 
-#define SELECTOR_LIST(path, def, help, flags_, option_, object, field, place_)                              \
-    {path, "list of selectors", "", SELECTOR_WORDS, def, help,                                     \
+#define SELECTOR_LIST(path, def, help, flags_, option_, object, field, place_)                     \
+    {path,                                                                                         \
+     "list of selectors",                                                                          \
+     "",                                                                                           \
+     SELECTOR_WORDS,                                                                               \
+     def,                                                                                          \
+     help,                                                                                         \
      BIND(.kind = PALPATE_KEY_LIST, .offset = offsetof(object, field.item),                        \
           .count_offset = offsetof(object, field.count), .item_size = sizeof(pal_selector),        \
-          FLAGS((flags_) | PALPATE_KEY_SINGLE), .option = option_, PLACE(object, place_))},                           \
-    ONE_OF(path "[]", SELECTOR_WORDS, "", "one selector; those of a list are united",              \
-           AT(pal_selector, kind), PLACE(pal_selector, place)),                                    \
-    SELECTOR_KEYS(path "[]", .enter_patch = 0)
+          FLAGS((flags_) | PALPATE_KEY_SINGLE), .option = option_, PLACE(object, place_))},        \
+        ONE_OF(path "[]", SELECTOR_WORDS, "", "one selector; those of a list are united",          \
+               AT(pal_selector, kind), PLACE(pal_selector, place)),                                \
+        SELECTOR_KEYS(path "[]", .enter_patch = 0)
 
 static const pal_scene_key KEYS[] = {
     MAP("", "", "the scene", .check = pal_rule_root),
@@ -103,7 +129,8 @@ static const pal_scene_key KEYS[] = {
           FLAGS(PALPATE_KEY_REQUIRED), .remedy = "a higher version needs a newer Palpate")},
 
     // ---- body
-    MAP("body", "required", "the deformable body", FLAGS(PALPATE_KEY_REQUIRED), .check = pal_rule_body),
+    MAP("body", "required", "the deformable body", FLAGS(PALPATE_KEY_REQUIRED),
+        .check = pal_rule_body),
     ONE_OF("body.geometry", "hemisphere, box, sphere, file", "required", "its shape",
            AT(struct pal_scene, geometry.kind), FLAGS(PALPATE_KEY_REQUIRED),
            PLACE(struct pal_scene, geometry.place), .check = pal_rule_geometry),
@@ -112,8 +139,8 @@ static const pal_scene_key KEYS[] = {
     NUMBER("body.geometry.hemisphere.radius", "m", POSITIVE, "required", "its radius",
            struct pal_scene, geometry.radius, FLAGS(PALPATE_KEY_REQUIRED)),
     MAP("body.geometry.box", "(one of)", "a box along the axes", OPTION(PALPATE_GEOMETRY_BOX)),
-    VECTOR("body.geometry.box.size", "m", POSITIVE, "required", "its edge lengths", struct pal_scene,
-           geometry.size, FLAGS(PALPATE_KEY_REQUIRED)),
+    VECTOR("body.geometry.box.size", "m", POSITIVE, "required", "its edge lengths",
+           struct pal_scene, geometry.size, FLAGS(PALPATE_KEY_REQUIRED)),
     VECTOR("body.geometry.box.center", "m", FINITE, "[0, 0, 0]", "its centre", struct pal_scene,
            geometry.center),
     MAP("body.geometry.sphere", "(one of)", "a ball", OPTION(PALPATE_GEOMETRY_SPHERE)),
@@ -125,15 +152,16 @@ static const pal_scene_key KEYS[] = {
      "closed triangle surface; relative to the scene file",
      BIND(.kind = PALPATE_KEY_PATH, AT(struct pal_scene, geometry.path),
           .option = PALPATE_GEOMETRY_FILE, FLAGS(PALPATE_KEY_OPTION | PALPATE_KEY_EXISTS))},
-    NUMBER("body.geometry.scale", "m", POSITIVE, "1", "metres per unit of the surface file (file only)",
-           struct pal_scene, geometry.scale),
+    NUMBER("body.geometry.scale", "m", POSITIVE, "1",
+           "metres per unit of the surface file (file only)", struct pal_scene, geometry.scale),
     NUMBER("body.spacing", "m", POSITIVE, "required", "node spacing", struct pal_scene, spacing,
            FLAGS(PALPATE_KEY_REQUIRED), PLACE(struct pal_scene, spacing_place)),
     NUMBER("body.grading", "-", UP_TO(2), "0.45",
            "growth of the spacing per metre away from a finer zone", struct pal_scene, grading),
     {"body.refine", "list", "", "mappings", "[]", "zones with finer spacing",
      BIND(.kind = PALPATE_KEY_LIST, AT(struct pal_scene, refine),
-          .count_offset = offsetof(struct pal_scene, refine_count), .item_size = sizeof(pal_refine))},
+          .count_offset = offsetof(struct pal_scene, refine_count),
+          .item_size = sizeof(pal_refine))},
     MAP("body.refine[]", "", "a ball (center, radius, spacing) or a patch's rim (rim, spacing)",
         PLACE(pal_refine, place), .check = pal_rule_refine),
     VECTOR("body.refine[].center", "m", FINITE, "(with radius)", "centre of the ball", pal_refine,
@@ -144,15 +172,19 @@ static const pal_scene_key KEYS[] = {
      "refine towards the rim of this patch", BIND(.kind = PALPATE_KEY_NAME, AT(pal_refine, rim))},
     NUMBER("body.refine[].spacing", "m", POSITIVE, "required", "node spacing there", pal_refine,
            spacing, FLAGS(PALPATE_KEY_REQUIRED)),
-    MAP("body.material", "required", "isotropic linear elastic material", FLAGS(PALPATE_KEY_REQUIRED)),
+    MAP("body.material", "required", "isotropic linear elastic material",
+        FLAGS(PALPATE_KEY_REQUIRED)),
     NUMBER("body.material.young", "Pa", POSITIVE, "required", "Young's modulus", struct pal_scene,
            young, FLAGS(PALPATE_KEY_REQUIRED), PLACE(struct pal_scene, young_place)),
     NUMBER("body.material.poisson", "-", BETWEEN(-1, 0.5), "required", "Poisson's ratio",
-           struct pal_scene, poisson, FLAGS(PALPATE_KEY_REQUIRED), PLACE(struct pal_scene, poisson_place),
-           .remedy = "for nearly incompressible tissue use 0.49 to 0.499 with method: {kind: cell}"),
-    NUMBER("body.material.density", "kg/m^3", POSITIVE, "1000", "density", struct pal_scene, density),
-    SELECTOR_LIST("body.fixed", "required", "surface nodes held at u = 0", PALPATE_KEY_REQUIRED,
-                  0, struct pal_scene, fixed, fixed_place),
+           struct pal_scene, poisson, FLAGS(PALPATE_KEY_REQUIRED),
+           PLACE(struct pal_scene, poisson_place),
+           .remedy =
+               "for nearly incompressible tissue use 0.49 to 0.499 with method: {kind: cell}"),
+    NUMBER("body.material.density", "kg/m^3", POSITIVE, "1000", "density", struct pal_scene,
+           density),
+    SELECTOR_LIST("body.fixed", "required", "surface nodes held at u = 0", PALPATE_KEY_REQUIRED, 0,
+                  struct pal_scene, fixed, fixed_place),
     SELECTOR_LIST("body.touchable", "[all]", "surface nodes that a tool may touch", 0, 0,
                   struct pal_scene, touchable, touchable_place),
     {"body.patches", "names", "", "name: selector", "{}", "named sets of nodes for `palpate press`",
@@ -165,20 +197,22 @@ static const pal_scene_key KEYS[] = {
     SELECTOR_LIST("body.patches.*.any", "(one of)", "several selectors, united", PALPATE_KEY_OPTION,
                   -1, pal_scene_patch, where, place),
     NUMBER("body.patches.*.rim_spacing", "m", POSITIVE, "auto",
-           "node spacing on the patch's rim; auto: 1/14 of the patch's radius; none: no nodes on the rim",
+           "node spacing on the patch's rim; auto: 1/14 of the patch's radius; none: no nodes on "
+           "the rim",
            pal_scene_patch, rim_spacing, .word = {"auto", "none"}, .word_value = {-1, 0}),
     {"body.probes", "names", "", "name: [x, y, z]", "{}", "points whose displacement is reported",
      BIND(.kind = PALPATE_KEY_NAMED, AT(struct pal_scene, probe),
           .count_offset = offsetof(struct pal_scene, probe_count),
           .item_size = sizeof(pal_scene_probe), .name_offset = offsetof(pal_scene_probe, name))},
-    VECTOR("body.probes.*", "m", FINITE, "", "position in the rest shape", pal_scene_probe, position,
-           PLACE(pal_scene_probe, place)),
+    VECTOR("body.probes.*", "m", FINITE, "", "position in the rest shape", pal_scene_probe,
+           position, PLACE(pal_scene_probe, place)),
 
     // ---- method
     MAP("method", "(all defaults)", "how equilibrium is discretized", .check = pal_rule_method,
         PLACE(struct pal_scene, method_place)),
     CHOICE("method.kind", "point | cell | galerkin", "cell",
-           "point collocation (paper 1), cell collocation, or Galerkin", struct pal_scene, method.kind),
+           "point collocation (paper 1), cell collocation, or Galerkin", struct pal_scene,
+           method.kind),
     CHOICE("method.basis", "linear | quadratic | cubic",
            "(linear for cell and galerkin, quadratic for point)", "monomials of the MLS fit",
            struct pal_scene, method.basis, .first = 1),
@@ -186,12 +220,13 @@ static const pal_scene_key KEYS[] = {
            struct pal_scene, method.derivatives, METHODS(POINT | GALERKIN)),
     INTEGER("method.neighbours", WITHIN(4, 400), "(the method's own)", "nodes per stencil",
             struct pal_scene, method.neighbours),
-    INTEGER("method.exponent", WITHIN(1, 8), "(the method's own)",
-            "p of the singular weight s^-2p", struct pal_scene, method.exponent),
+    INTEGER("method.exponent", WITHIN(1, 8), "(the method's own)", "p of the singular weight s^-2p",
+            struct pal_scene, method.exponent),
     {"method.fictitious", "switch", "", "true | false", "true",
      "fictitious nodes outside each traction node, PDE on the boundary (point)",
      BIND(.kind = PALPATE_KEY_SWITCH, AT(struct pal_scene, method.fictitious), METHODS(POINT))},
-    CHOICE("method.volumetric", "plain | nodal | mixed", "(nodal for cell and galerkin, plain for point)",
+    CHOICE("method.volumetric", "plain | nodal | mixed",
+           "(nodal for cell and galerkin, plain for point)",
            "volumetric part: at the point, averaged at nodes, or with pressures", struct pal_scene,
            method.volumetric, METHODS(CELL | GALERKIN)),
     CHOICE("method.form", "symmetric | collocated", "symmetric",
@@ -216,8 +251,8 @@ static const pal_scene_key KEYS[] = {
     CHOICE("store.precision", "double | single | half", "single", "of the stored displacement rows",
            struct pal_scene, precision),
     NUMBER("store.tolerance", "-", WITHIN(0, 0.5), "0",
-           "relative error allowed in compressing the displacement rows; 0: none",
-           struct pal_scene, store_tolerance, FLAGS(PALPATE_KEY_NOT_BUILT_UNLESS_0)),
+           "relative error allowed in compressing the displacement rows; 0: none", struct pal_scene,
+           store_tolerance, FLAGS(PALPATE_KEY_NOT_BUILT_UNLESS_0)),
 
     // ---- tools
     {"tools", "list", "", "mappings, at most 8", "[]", "what touches the body",
@@ -227,15 +262,16 @@ static const pal_scene_key KEYS[] = {
     MAP("tools[]", "", "one tool", .check = pal_rule_tool),
     {"tools[].name", "name", "", "letters, digits, _ and -", "(tool, tool2, ...)", "its name",
      BIND(.kind = PALPATE_KEY_NAME, AT(pal_tool_def, name))},
-    ONE_OF("tools[].shape", "point, sphere, capsule", "point", "its shape", AT(pal_tool_def, shape)),
+    ONE_OF("tools[].shape", "point, sphere, capsule", "point", "its shape",
+           AT(pal_tool_def, shape)),
     MAP("tools[].shape.point", "(one of)", "a point; also written as the word point",
         .option = PALPATE_SHAPE_POINT, FLAGS(PALPATE_KEY_OPTION | PALPATE_KEY_BARE)),
     MAP("tools[].shape.sphere", "(one of)", "a ball around the tool's origin",
         OPTION(PALPATE_SHAPE_SPHERE)),
-    NUMBER("tools[].shape.sphere.radius", "m", POSITIVE, "required", "its radius", pal_tool_def, radius,
-           FLAGS(PALPATE_KEY_REQUIRED)),
-    MAP("tools[].shape.capsule", "(one of)", "a rounded rod along the tool's z, centred on its origin",
-        OPTION(PALPATE_SHAPE_CAPSULE)),
+    NUMBER("tools[].shape.sphere.radius", "m", POSITIVE, "required", "its radius", pal_tool_def,
+           radius, FLAGS(PALPATE_KEY_REQUIRED)),
+    MAP("tools[].shape.capsule", "(one of)",
+        "a rounded rod along the tool's z, centred on its origin", OPTION(PALPATE_SHAPE_CAPSULE)),
     NUMBER("tools[].shape.capsule.radius", "m", POSITIVE, "required", "its radius", pal_tool_def,
            radius, FLAGS(PALPATE_KEY_REQUIRED)),
     NUMBER("tools[].shape.capsule.length", "m", POSITIVE, "required",
@@ -267,8 +303,8 @@ static const pal_scene_key KEYS[] = {
            device.stroke.tremor_amplitude),
     NUMBER("tools[].device.scripted.tremor_frequency", "Hz", UP_TO(100), "10",
            "its frequency; physiological: 8 to 12", pal_tool_def, device.stroke.tremor_frequency),
-    NUMBER("tools[].friction", "-", WITHIN(0, 10), "0", "Coulomb friction coefficient", pal_tool_def,
-           friction, FLAGS(PALPATE_KEY_NOT_BUILT_UNLESS_0)),
+    NUMBER("tools[].friction", "-", WITHIN(0, 10), "0", "Coulomb friction coefficient",
+           pal_tool_def, friction, FLAGS(PALPATE_KEY_NOT_BUILT_UNLESS_0)),
     MAP("tools[].coupling", "(none: the device pose is the tool's)",
         "virtual coupling between device and tool", FLAGS(PALPATE_KEY_NOT_BUILT)),
     NUMBER("tools[].coupling.stiffness", "N/m", POSITIVE, "(with coupling)", "its spring",
@@ -293,8 +329,8 @@ static const pal_scene_key KEYS[] = {
     NUMBER("servo.rate", "Hz", WITHIN(10, 20000), "1000", "ticks per second", struct pal_scene,
            runtime.servo_rate),
     MAP("render", "(all defaults)", "the picture"),
-    NUMBER("render.rate", "Hz", WITHIN(0, 1000), "30", "frames per second; 0: none", struct pal_scene,
-           runtime.render_rate),
+    NUMBER("render.rate", "Hz", WITHIN(0, 1000), "30", "frames per second; 0: none",
+           struct pal_scene, runtime.render_rate),
     INTEGER("max_contacts", WITHIN(1, 1024), "32", "contact points an engine keeps at once",
             struct pal_scene, runtime.max_contacts),
 };

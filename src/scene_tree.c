@@ -216,7 +216,8 @@ static int32_t list_index(const pal_value *list, const segment *s) {
     return -1;
 }
 
-static pal_status set_fail(const pal_tree *tree, int32_t index, pal_error *error, const char *what) {
+static pal_status set_fail(const pal_tree *tree, int32_t index, pal_error *error,
+                           const char *what) {
     return pal_fail(error, PALPATE_ERROR_SCENE, "--set %.200s: %s", tree->override[index], what);
 }
 
@@ -227,8 +228,9 @@ pal_status pal_tree_set(pal_tree *tree, pal_value *root, int32_t index,
     segment s[SEGMENTS_MAX];
     int count = equals != NULL ? split(text, equals, s) : -1;
     if (count <= 0) {
-        return set_fail(tree, index, error,
-                        "found no path; allowed: dotted.path=value, e.g. body.material.poisson=0.3");
+        return set_fail(
+            tree, index, error,
+            "found no path; allowed: dotted.path=value, e.g. body.material.poisson=0.3");
     }
     size_t size = strlen(equals + 1);
     if (size > PALPATE_SCENE_BYTES_MAX) {
@@ -251,11 +253,12 @@ pal_status pal_tree_set(pal_tree *tree, pal_value *root, int32_t index,
             int32_t k = list_index(at, &s[i]);
             if (k < 0) {
                 char what[200];
-                (void)snprintf(what, sizeof what,
-                               "found no item %.*s in a list of %d; allowed: 0 to %d (%d appends) or "
-                               "an item's name",
-                               (int)(s[i].length < 64 ? s[i].length : 64), s[i].text, (int)at->count,
-                               (int)at->count, (int)at->count);
+                (void)snprintf(
+                    what, sizeof what,
+                    "found no item %.*s in a list of %d; allowed: 0 to %d (%d appends) or "
+                    "an item's name",
+                    (int)(s[i].length < 64 ? s[i].length : 64), s[i].text, (int)at->count,
+                    (int)at->count, (int)at->count);
                 return set_fail(tree, index, error, what);
             }
             if (k == at->count && pal_tree_append(tree, at, NULL, NULL) != 0) {

@@ -19,22 +19,26 @@ enum {
     PALPATE_SCENE_TEXT_MAX = 1023      ///< bytes of one value
 };
 
-typedef enum pal_value_kind { PALPATE_VALUE_TEXT, PALPATE_VALUE_LIST, PALPATE_VALUE_MAP } pal_value_kind;
+typedef enum pal_value_kind {
+    PALPATE_VALUE_TEXT,
+    PALPATE_VALUE_LIST,
+    PALPATE_VALUE_MAP
+} pal_value_kind;
 
 typedef struct pal_value {
     pal_value_kind kind;
-    char *text;               ///< text: the scalar, NUL-terminated
-    int32_t quoted;           ///< text: 1 when written in quotes or as a block
-    int32_t count;            ///< list, map: items
-    struct pal_value **item;  ///< list: items; map: values, shape [count]
-    struct pal_value **key;   ///< map: keys (texts), shape [count]
-    int32_t line, column;     ///< 1-based, in characters
-    int32_t set;              ///< 0: from the file; k: from override k-1
+    char *text;              ///< text: the scalar, NUL-terminated
+    int32_t quoted;          ///< text: 1 when written in quotes or as a block
+    int32_t count;           ///< list, map: items
+    struct pal_value **item; ///< list: items; map: values, shape [count]
+    struct pal_value **key;  ///< map: keys (texts), shape [count]
+    int32_t line, column;    ///< 1-based, in characters
+    int32_t set;             ///< 0: from the file; k: from override k-1
 } pal_value;
 
 typedef struct pal_tree {
-    const char *file;             ///< the scene file's name for messages; not owned
-    const char *const *override;  ///< the overrides' texts; not owned
+    const char *file;            ///< the scene file's name for messages; not owned
+    const char *const *override; ///< the overrides' texts; not owned
     int32_t override_count;
     int32_t value_count;
     struct pal_chunk *chunks;
@@ -54,8 +58,8 @@ int pal_tree_append(pal_tree *tree, pal_value *to, pal_value *key, pal_value *it
 /// Parse one YAML document. An empty text gives *out = NULL.
 /// @param set  0: the scene file, k: override k-1
 /// @return PALPATE_OK, _SCENE (located), _MEMORY
-pal_status pal_yaml_parse(pal_tree *tree, const char *text, size_t size, int32_t set, pal_value **out,
-                          pal_error *error);
+pal_status pal_yaml_parse(pal_tree *tree, const char *text, size_t size, int32_t set,
+                          pal_value **out, pal_error *error);
 
 /// The value of a key of a map (NULL: not there, or not a map).
 pal_value *pal_value_get(const pal_value *map, const char *key);
@@ -73,8 +77,8 @@ pal_status pal_tree_set(pal_tree *tree, pal_value *root, int32_t index,
 /// "file:line:column" or "--set path=value" of a value, for messages. @return out
 char *pal_value_where(const pal_tree *tree, const pal_value *value, char *out, size_t size);
 
-/// The value in a few words for "found ...": text (cut, control characters replaced), "a list of 3",
-/// "a mapping", "nothing". @return out
+/// The value in a few words for "found ...": text (cut, control characters replaced), "a list of
+/// 3", "a mapping", "nothing". @return out
 char *pal_value_words(const pal_value *value, char *out, size_t size);
 
 #endif

@@ -1,8 +1,8 @@
 /// YAML text -> pal_value tree. The only file that includes libyaml.
 ///
-/// libyaml's document API gives every node's line and column. Aliases are expanded into copies here,
-/// so that a later --set changes one place only; the number of values and the depth are limited,
-/// which bounds "billion laughs" documents and self-referencing aliases alike.
+/// libyaml's document API gives every node's line and column. Aliases are expanded into copies
+/// here, so that a later --set changes one place only; the number of values and the depth are
+/// limited, which bounds "billion laughs" documents and self-referencing aliases alike.
 #include <stdio.h>
 #include <string.h>
 
@@ -92,11 +92,42 @@ static pal_status check_bytes(reader *r, const char *text, size_t size) {
     return PALPATE_OK;
 }
 
-static pal_status syntax_error(reader *r, const yaml_parser_t *parser, const char *text, size_t size) {
+/// libyaml's time grows with the square of the nesting of brackets and of the number of anchors, so
+/// both are limited before it sees the text (brackets and & in comments and quotes are counted too:
+/// no scene comes near).
+static pal_status check_cost(reader *r, const char *text, size_t size) {
+    enum { BRACKETS_MAX = 200, ANCHORS_MAX = 1000 };
+    int depth = 0;
+    int anchors = 0;
+    for (size_t i = 0; i < size; i++) {
+        depth += text[i] == '[' || text[i] == '{';
+        depth -= (text[i] == ']' || text[i] == '}') && depth > 0;
+        anchors += text[i] == '&';
+        if (depth <= BRACKETS_MAX && anchors <= ANCHORS_MAX) {
+            continue;
+        }
+        size_t line;
+        size_t column;
+        char where[400];
+        offset_place(text, i, &line, &column);
+        where_mark(r->tree, r->set, line, column, where, sizeof where);
+        return pal_fail(r->error, PALPATE_ERROR_SCENE, "%s: found %s; a scene needs fewer than 10",
+                        where,
+                        anchors > ANCHORS_MAX ? "more than 1000 anchors (&)"
+                                              : "brackets nested deeper than 200");
+    }
+    return PALPATE_OK;
+}
+
+static pal_status syntax_error(reader *r, const yaml_parser_t *parser, const char *text,
+                               size_t size) {
     if (parser->error == YAML_MEMORY_ERROR) {
         return pal_fail(r->error, PALPATE_ERROR_MEMORY, "%s: out of memory", r->tree->file);
     }
     yaml_mark_t mark = parser->problem_mark;
+    if (parser->context != NULL && mark.index >= size) {
+        mark = parser->context_mark; // what was never closed, rather than the end of the file
+    }
     size_t line = mark.line + 1;
     size_t column = mark.column + 1;
     if (parser->error == YAML_READER_ERROR) {
@@ -116,8 +147,8 @@ static pal_status syntax_error(reader *r, const yaml_parser_t *parser, const cha
 }
 
 static int tag_is_known(const char *tag) {
-    static const char *const known[] = {YAML_NULL_TAG, YAML_BOOL_TAG, YAML_STR_TAG, YAML_INT_TAG,
-                                        YAML_FLOAT_TAG, YAML_SEQ_TAG, YAML_MAP_TAG};
+    static const char *const known[] = {YAML_NULL_TAG,  YAML_BOOL_TAG, YAML_STR_TAG, YAML_INT_TAG,
+                                        YAML_FLOAT_TAG, YAML_SEQ_TAG,  YAML_MAP_TAG};
     for (size_t i = 0; tag != NULL && i < sizeof known / sizeof known[0]; i++) {
         if (strcmp(tag, known[i]) == 0) {
             return 1;
@@ -200,11 +231,13 @@ static pal_status convert(reader *r, int index, int depth, pal_value **out) {
         return pal_fail(r->error, PALPATE_ERROR_SCENE, "%s: not valid YAML", r->tree->file);
     }
     if (depth > PALPATE_SCENE_DEPTH_MAX) {
-        return fail_at(r, node->start_mark, "found values nested deeper than 32 levels (or an alias inside itself); a scene needs "
-                       "fewer than 10");
+        return fail_at(
+            r, node->start_mark,
+            "found values nested deeper than 32 levels (or an alias inside itself); a scene needs "
+            "fewer than 10");
     }
     if (++r->tree->value_count > PALPATE_SCENE_VALUES_MAX) {
-        return fail_at(r, node->start_mark, 
+        return fail_at(r, node->start_mark,
                        "found more than 20000 values (an alias counts each time); allowed: at most "
                        "20000");
     }
@@ -236,8 +269,8 @@ static pal_status convert(reader *r, int index, int depth, pal_value **out) {
     return node->type == YAML_MAPPING_NODE ? convert_map(r, node, depth, *out) : PALPATE_OK;
 }
 
-pal_status pal_yaml_parse(pal_tree *tree, const char *text, size_t size, int32_t set, pal_value **out,
-                          pal_error *error) {
+pal_status pal_yaml_parse(pal_tree *tree, const char *text, size_t size, int32_t set,
+                          pal_value **out, pal_error *error) {
     yaml_document_t document;
     reader r = {.tree = tree, .document = &document, .set = set, .error = error};
     *out = NULL;
@@ -246,6 +279,9 @@ pal_status pal_yaml_parse(pal_tree *tree, const char *text, size_t size, int32_t
         size -= 3;
     }
     pal_status status = check_bytes(&r, text, size);
+    if (status == PALPATE_OK) {
+        status = check_cost(&r, text, size);
+    }
     if (status != PALPATE_OK) {
         return status;
     }
@@ -271,8 +307,9 @@ pal_status pal_yaml_parse(pal_tree *tree, const char *text, size_t size, int32_t
         } else {
             const yaml_node_t *second = yaml_document_get_root_node(&document);
             if (second != NULL) {
-                status = fail_at(&r, second->start_mark, 
-                                 "found a second document; allowed: one; remove the '---' before it");
+                status =
+                    fail_at(&r, second->start_mark,
+                            "found a second document; allowed: one; remove the '---' before it");
             }
             yaml_document_delete(&document);
         }

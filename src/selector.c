@@ -1,7 +1,7 @@
 /// Selectors: is a point of the rest shape in a list's union?
 ///
-/// Inclusive with a tolerance of 1e-6 body sizes (largest extent of the bounding box): mesh generators
-/// put the nodes of a face at z = 0 at 1e-17. Pure function; any thread.
+/// Inclusive with a tolerance of 1e-6 body sizes (largest extent of the bounding box): mesh
+/// generators put the nodes of a face at z = 0 at 1e-17. Pure function; any thread.
 #include <float.h>
 #include <math.h>
 
@@ -16,7 +16,8 @@ static double outside(const pal_selector *s, const double x[3]) {
     case PALPATE_SELECT_ALL:
         return 0.0;
     case PALPATE_SELECT_BALL:
-        return hypot(hypot(x[0] - s->center[0], x[1] - s->center[1]), x[2] - s->center[2]) - s->radius;
+        return hypot(hypot(x[0] - s->center[0], x[1] - s->center[1]), x[2] - s->center[2]) -
+               s->radius;
     case PALPATE_SELECT_BOX: // distance along the worst axis, so that the tolerance is a larger box
         for (int i = 0; i < 3; i++) {
             d = fmax(d, fmax(s->low[i] - x[i], x[i] - s->high[i]));

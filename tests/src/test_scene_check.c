@@ -13,15 +13,16 @@
 #include "tests/support/scene_text.h"
 
 /// A 0.1 m cube at the origin's corner: 5 x 5 nodes a face at 0, 0.025, ... 0.1.
-static const char *const CUBE = "palpate: 1\n"
-                                "body:\n"
-                                "  geometry: {box: {size: [0.1, 0.1, 0.1], center: [0.05, 0.05, 0.05]}}\n"
-                                "  spacing: 0.025\n"
-                                "  material: {young: 1000, poisson: 0.3}\n"
-                                "  fixed:\n"
-                                "    - {below: {z: 0}}\n"
-                                "  patches:\n"
-                                "    top: {above: {z: 0.1}}\n";
+static const char *const CUBE =
+    "palpate: 1\n"
+    "body:\n"
+    "  geometry: {box: {size: [0.1, 0.1, 0.1], center: [0.05, 0.05, 0.05]}}\n"
+    "  spacing: 0.025\n"
+    "  material: {young: 1000, poisson: 0.3}\n"
+    "  fixed:\n"
+    "    - {below: {z: 0}}\n"
+    "  patches:\n"
+    "    top: {above: {z: 0.1}}\n";
 
 static void cube(pal_cloud *cloud) {
     // normalised: the unit cube, length 0.1 m
@@ -63,7 +64,9 @@ static void faces_are_selected_node_for_node(void **state) {
     for (int32_t n = 0; n < cloud.node_count; n++) {
         int bottom = n < cloud.surface_count && cloud.position[3 * n + 2] == 0.0;
         int top = n < cloud.surface_count && !bottom;
-        assert_int_equal(sets.flags[n], bottom ? PALPATE_NODE_FIXED : top ? PALPATE_NODE_TOUCHABLE : 0);
+        assert_int_equal(sets.flags[n], bottom ? PALPATE_NODE_FIXED
+                                        : top  ? PALPATE_NODE_TOUCHABLE
+                                               : 0);
     }
     assert_int_equal(pal_scene_warning_count(scene), 0); // the default `all` is no conflict
     pal_node_sets_clear(&sets);
@@ -79,14 +82,17 @@ static void fixed_wins_with_a_warning(void **state) {
     pal_error error = {0};
     cube(&cloud);
     // the side x = 0: 25 nodes, 5 of them on the fixed face
-    const char *set[] = {"body.touchable=[{below: {x: 0}}]", "body.patches.side={below: {x: 0}}", NULL};
+    const char *set[] = {"body.touchable=[{below: {x: 0}}]", "body.patches.side={below: {x: 0}}",
+                         NULL};
     assert_int_equal(selecting(set, &cloud, &scene, &sets, &error), PALPATE_OK);
     assert_int_equal(sets.touchable_count, 20);
     assert_int_equal(sets.patch_start[2] - sets.patch_start[1], 20);
     assert_int_equal(pal_scene_warning_count(scene), 2);
-    assert_non_null(strstr(pal_scene_warning(scene, 0), "--set body.touchable=[{below: {x: 0}}]: "
-                                                        "body.touchable: 5 of its 25 nodes are fixed"));
-    assert_non_null(strstr(pal_scene_warning(scene, 1), "body.patches.side: 5 of its 25 nodes are fixed"));
+    assert_non_null(strstr(pal_scene_warning(scene, 0),
+                           "--set body.touchable=[{below: {x: 0}}]: "
+                           "body.touchable: 5 of its 25 nodes are fixed"));
+    assert_non_null(
+        strstr(pal_scene_warning(scene, 1), "body.patches.side: 5 of its 25 nodes are fixed"));
     pal_node_sets_clear(&sets);
     pal_scene_free(scene);
     pal_cloud_clear(&cloud);
@@ -100,14 +106,15 @@ static void each_kind_of_selector_is_inclusive(void **state) {
     } cases[] = {
         {"body.patches.top={below: {x: 0.0}}", 20},
         {"body.patches.top={above: {y: 0.1}}", 20},
-        {"body.patches.top={above: {y: 0.100000099}}", 20},  // within 1e-6 of 0.1 m
+        {"body.patches.top={above: {y: 0.100000099}}", 20}, // within 1e-6 of 0.1 m
         {"body.patches.top={ball: {center: [0, 0, 0.1], radius: 0.025}}", 4},
         {"body.patches.top={ball: {center: [0, 0, 0.1], radius: 0.0249999001}}", 4},
         {"body.patches.top={ball: {center: [0, 0, 0.1], radius: 0.0249998}}", 1},
         {"body.patches.top={box: {min: [0, 0, 0.1], max: [0.05, 0.025, 0.2]}}", 6},
         {"body.patches.top={box: {center: [0.025, 0.0125, 0.1], size: [0.05, 0.025, 0]}}", 6},
         {"body.patches.top={any: [{ball: {center: [0, 0, 0.1], radius: 0.01}}, "
-         "{ball: {center: [0.1, 0, 0.1], radius: 0.01}}]}", 2},
+         "{ball: {center: [0.1, 0, 0.1], radius: 0.01}}]}",
+         2},
     };
     pal_cloud cloud = {0};
     cube(&cloud);
@@ -134,21 +141,26 @@ static void errors_are_located_and_say_what_to_do(void **state) {
         const char *where;
         const char *what;
     } cases[] = {
-        {"body.patches.top={ball: {center: [0.05, 0.05, 0.2], radius: 0.01}}", "body.patches.top: found no",
-         "nearest of 98 is at [0.05, 0.05, 0.1], 0.09 m outside"},
+        {"body.patches.top={ball: {center: [0.05, 0.05, 0.2], radius: 0.01}}",
+         "body.patches.top: found no", "nearest of 98 is at [0.05, 0.05, 0.1], 0.09 m outside"},
         {"body.fixed=[{below: {z: -0.1}}]", "body.fixed: found no surface node", "0.1 m outside"},
         {"body.touchable=[{above: {x: 0.2}}]", "body.touchable: found no surface node", "nearest"},
-        {"body.touchable=[{below: {z: 0}}]", "body.touchable: found only fixed nodes", "fixed wins"},
-        {"body.patches.top={below: {z: 0}}", "body.patches.top: found only fixed nodes", "fixed wins"},
+        {"body.touchable=[{below: {z: 0}}]", "body.touchable: found only fixed nodes",
+         "fixed wins"},
+        {"body.patches.top={below: {z: 0}}", "body.patches.top: found only fixed nodes",
+         "fixed wins"},
         {"body.fixed=[all]", "body.fixed: found every surface node", "narrow"},
-        {"body.fixed=[{ball: {center: [0, 0, 0], radius: 0.01}}]", "body.fixed: found the body held at one",
-         "place only, [0, 0, 0]"},
-        {"body.fixed=[{box: {min: [0, 0, 0], max: [0.1, 0, 0]}}]", "body.fixed: found the body held on one",
-         "line only"},
+        {"body.fixed=[{ball: {center: [0, 0, 0], radius: 0.01}}]",
+         "body.fixed: found the body held at one", "place only, [0, 0, 0]"},
+        {"body.fixed=[{box: {min: [0, 0, 0], max: [0.1, 0, 0]}}]",
+         "body.fixed: found the body held on one", "line only"},
         {"body.fixed=[{ball: {center: [0, 0, 0], radius: 0.01}}, {ball: {center: [0.1, 0.1, 0.1], "
-         "radius: 0.01}}]", "body.fixed: found the body held on one", "three fixed nodes off one line"},
-        {"body.probes.p=[0.05, 0.05, 0.13]", "body.probes.p: found a point 0.03 m outside", "move it inside"},
-        {"body.probes.p=[0.2, 0.2, 0.2]", "body.probes.p: found a point 0.173 m outside", "move it inside"},
+         "radius: 0.01}}]",
+         "body.fixed: found the body held on one", "three fixed nodes off one line"},
+        {"body.probes.p=[0.05, 0.05, 0.13]", "body.probes.p: found a point 0.03 m outside",
+         "move it inside"},
+        {"body.probes.p=[0.2, 0.2, 0.2]", "body.probes.p: found a point 0.173 m outside",
+         "move it inside"},
     };
     pal_cloud cloud = {0};
     cube(&cloud);
@@ -178,7 +190,8 @@ static void an_error_from_the_file_names_its_line(void **state) {
     cube(&cloud);
     cloud.length = 0.05; // half the size: nothing is left at z = 0.1
     assert_int_equal(selecting(NULL, &cloud, &scene, &sets, &error), PALPATE_ERROR_SCENE);
-    assert_non_null(strstr(error.message, "scene.yaml:9:10: body.patches.top: found no surface node"));
+    assert_non_null(
+        strstr(error.message, "scene.yaml:9:10: body.patches.top: found no surface node"));
     pal_scene_free(scene);
     pal_cloud_clear(&cloud);
 }
@@ -190,9 +203,10 @@ static void three_nodes_hold_a_body(void **state) {
     pal_node_sets sets;
     pal_error error = {0};
     cube(&cloud);
-    const char *set[] = {"body.fixed=[{ball: {center: [0, 0, 0], radius: 0.01}}, {ball: {center: [0.1, 0, "
-                         "0], radius: 0.01}}, {ball: {center: [0, 0.1, 0], radius: 0.01}}]",
-                         NULL};
+    const char *set[] = {
+        "body.fixed=[{ball: {center: [0, 0, 0], radius: 0.01}}, {ball: {center: [0.1, 0, "
+        "0], radius: 0.01}}, {ball: {center: [0, 0.1, 0], radius: 0.01}}]",
+        NULL};
     assert_int_equal(selecting(set, &cloud, &scene, &sets, &error), PALPATE_OK);
     assert_int_equal(sets.fixed_count, 3);
     pal_node_sets_clear(&sets);
@@ -222,7 +236,7 @@ static void a_loose_second_part_is_found(void **state) {
             int32_t to = i < s ? copy * s + i : 2 * s + copy * (n - s) + (i - s);
             map[copy][i] = to;
             memcpy(&two.position[3 * to], &one.position[3 * i], 3 * sizeof(double));
-            two.position[3 * to] += 2.0 * copy; // the second one stands beside the first ...
+            two.position[3 * to] += 2.0 * copy;     // the second one stands beside the first ...
             two.position[3 * to + 2] += 0.5 * copy; // ... and above the fixed plane
         }
         for (int32_t t = 0; t < 4 * one.tet_count; t++) {
@@ -234,7 +248,8 @@ static void a_loose_second_part_is_found(void **state) {
     pal_node_sets sets;
     pal_error error = {0};
     assert_int_equal(selecting(NULL, &two, &scene, &sets, &error), PALPATE_ERROR_SCENE);
-    assert_non_null(strstr(error.message, "found no fixed node on the part of the body with node ["));
+    assert_non_null(
+        strstr(error.message, "found no fixed node on the part of the body with node ["));
     assert_non_null(strstr(error.message, "(of 2 separate parts)"));
     pal_scene_free(scene);
     const char *set[] = {"body.fixed=[{below: {z: 0.05}}]", NULL};
@@ -252,9 +267,9 @@ static void probes_inside_and_on_the_surface_pass(void **state) {
     pal_node_sets sets;
     pal_error error = {0};
     cube(&cloud);
-    const char *set[] = {"body.probes.inside=[0.03, 0.06, 0.07]", "body.probes.face=[0.05, 0.05, 0.1]",
-                         "body.probes.corner=[0.1, 0.1, 0.1]", "body.probes.slack=[0.05, 0.05, 0.105]",
-                         NULL};
+    const char *set[] = {"body.probes.inside=[0.03, 0.06, 0.07]",
+                         "body.probes.face=[0.05, 0.05, 0.1]", "body.probes.corner=[0.1, 0.1, 0.1]",
+                         "body.probes.slack=[0.05, 0.05, 0.105]", NULL};
     assert_int_equal(selecting(set, &cloud, &scene, &sets, &error), PALPATE_OK);
     pal_node_sets_clear(&sets);
     pal_scene_free(scene);
