@@ -36,6 +36,7 @@ typedef struct tool_state {
     int has_before;       ///< a pose was seen before
     int engaged;          ///< pushes along d
     int outside;          ///< point tool: was outside the surface
+    int barred;           ///< sphere, capsule: met the surface from inside and is not clear of it
     int closed;           ///< last tick's button
     int holding;          ///< held nodes
 } tool_state;

@@ -114,9 +114,10 @@ static int32_t enter_point(nodes_law *law, tool_state *tool) {
 }
 
 /// Node by which a sphere or capsule enters, -1: none. The deepest node inside the tool now or on its
-/// way since the last tick, among those whose outside the tool was on.
-static int32_t enter_solid(const nodes_law *law, const tool_state *tool) {
-    int32_t best = -1;
+/// way since the last tick, among those whose outside the tool was on. A tool that met the surface
+/// from inside is barred until it is clear of it.
+static int32_t enter_solid(const nodes_law *law, tool_state *tool) {
+    int32_t best = -1, inside = 0;
     double least = 0.0;
     for (int32_t k = 0; k < tool->candidates; k++) {
         int32_t a = tool->candidate[k];
@@ -130,6 +131,7 @@ static int32_t enter_solid(const nodes_law *law, const tool_state *tool) {
             }
             distance = fmin(distance, pal_solid_distance(&on_way, x));
         }
+        inside += distance < 0.0;
         if (!(distance < least)) {
             continue;
         }
@@ -146,6 +148,10 @@ static int32_t enter_solid(const nodes_law *law, const tool_state *tool) {
             best = a;
         }
     }
+    if (tool->barred) {
+        best = -1;
+    }
+    tool->barred = inside > 0 && best < 0;
     return best;
 }
 

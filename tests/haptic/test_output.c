@@ -1,0 +1,106 @@
+/// The output stage: finite check, slew, cap and torque cap, on vectors, with counters' values.
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#include "haptic/output.h"
+
+static pal_tool_force make(double x, double y, double z, double torque) {
+    return (pal_tool_force){.force = {x, y, z}, .torque = {0, torque, 0}};
+}
+
+static double norm(const double v[3]) {
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
+static void no_limit_changes_nothing(void **state) {
+    (void)state;
+    pal_output o;
+    pal_tool_limits none = {0};
+    double value[32] = {0};
+    pal_output_init(&o, &none, 1e-3);
+    pal_tool_force f = make(1e5, -2e5, 3e5, 1e4), g = f;
+    assert_int_equal(pal_output_apply(&o, &f, value), 0);
+    assert_memory_equal(&f, &g, sizeof f);
+}
+
+static void not_a_number_becomes_zero(void **state) {
+    (void)state;
+    static const double bad[] = {NAN, INFINITY, -INFINITY};
+    for (int k = 0; k < 12; k++) {
+        pal_output o;
+        pal_tool_limits limits = {.force = 3.3, .slew = 100, .torque = 0.1};
+        double value[32] = {0};
+        pal_output_init(&o, &limits, 1e-3);
+        pal_tool_force f = make(1, 2, 3, 0.01);
+        if (k < 9) {
+            f.force[k / 3] = bad[k % 3];
+        } else {
+            f.torque[k % 3] = bad[k % 3];
+        }
+        assert_int_equal(pal_output_apply(&o, &f, value), PALPATE_FAULT_FORCE);
+        assert_int_equal(f.fault, PALPATE_FAULT_FORCE);
+        assert_true(norm(f.force) == 0.0 && norm(f.torque) == 0.0);
+    }
+}
+
+static void cap_keeps_the_direction_even_of_the_largest_number(void **state) {
+    (void)state;
+    static const double size[] = {3.4, 1e3, 1e200, DBL_MAX / 2};
+    for (int k = 0; k < 4; k++) {
+        pal_output o;
+        pal_tool_limits limits = {.force = 3.3, .torque = 0.1};
+        double value[32] = {0};
+        pal_output_init(&o, &limits, 1e-3);
+        pal_tool_force f = make(0.6 * size[k], 0, -0.8 * size[k], -size[k]);
+        assert_int_equal(pal_output_apply(&o, &f, value),
+                         PALPATE_FAULT_CAP | PALPATE_FAULT_TORQUE_CAP);
+        assert_true(fabs(norm(f.force) - 3.3) < 1e-12);
+        assert_true(fabs(f.force[0] - 0.6 * 3.3) < 1e-12 && fabs(f.force[2] + 0.8 * 3.3) < 1e-12);
+        assert_true(fabs(f.torque[1] + 0.1) < 1e-14);
+        assert_true(fabs(value[4] / size[k] - 1.0) < 1e-12); // what it would have been
+        assert_true(fabs(value[7] / size[k] - 1.0) < 1e-12);
+    }
+}
+
+static void slew_limits_the_vector_change(void **state) {
+    (void)state;
+    pal_output o;
+    pal_tool_limits limits = {.force = 3.3, .slew = 0.1};
+    double value[32] = {0}, last[3] = {0};
+    pal_output_init(&o, &limits, 2e-3); // 0.1 N/ms over 2 ms: 0.2 N a tick
+    for (int k = 0; k < 60; k++) {      // jumps to and fro, beyond the cap
+        double x = (k / 20) % 2 ? -5.0 : 5.0;
+        pal_tool_force f = make(x, 0.3 * x, 0, 0);
+        uint32_t fault = pal_output_apply(&o, &f, value);
+        double change[3];
+        for (int i = 0; i < 3; i++) {
+            change[i] = f.force[i] - last[i];
+            last[i] = f.force[i];
+        }
+        // cutting at the cap moves two points closer, never apart
+        assert_true(norm(change) <= 0.2 * (1 + 1e-12));
+        assert_true(norm(f.force) <= 3.3 * (1 + 1e-12));
+        assert_true(fault & PALPATE_FAULT_SLEW); // 5.2 N is never within 0.2 N of the cap
+    }
+    pal_output_reset(&o);
+    pal_tool_force f = make(0.15, 0, 0, 0);
+    assert_int_equal(pal_output_apply(&o, &f, value), 0); // from zero again
+    assert_true(f.force[0] == 0.15);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(no_limit_changes_nothing),
+        cmocka_unit_test(not_a_number_becomes_zero),
+        cmocka_unit_test(cap_keeps_the_direction_even_of_the_largest_number),
+        cmocka_unit_test(slew_limits_the_vector_change),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
