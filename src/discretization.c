@@ -80,3 +80,32 @@ int32_t pal_interpolate(const pal_cloud *cloud, const double x[3], int32_t capac
                         double *weight) {
     return pal_interpolate_nodes(cloud->position, cloud->node_count, x, capacity, node, weight);
 }
+
+pal_status pal_discretize(const pal_cloud *cloud, const uint8_t *fixed, double poisson,
+                          const pal_method *method, const pal_progress *progress,
+                          pal_system *out, pal_error *error) {
+    if (out == NULL) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "discretization: no system to build into");
+    }
+    memset(out, 0, sizeof *out);
+    if (cloud == NULL || cloud->node_count <= 0 || fixed == NULL || method == NULL) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "discretization: a cloud with nodes, the fixed flags and a method are needed");
+    }
+    if (!(poisson > -1.0 && poisson < 0.5)) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "discretization: Poisson's ratio %g must lie between -1 and 0.5; for a nearly "
+                        "incompressible body use 0.49 to 0.4999 with method: {kind: cell}",
+                        poisson);
+    }
+    switch (method->kind) {
+    case PALPATE_METHOD_POINT:
+        return pal_method_point(cloud, fixed, poisson, method, progress, out, error);
+    case PALPATE_METHOD_CELL:
+        return pal_method_cell(cloud, fixed, poisson, method, progress, out, error);
+    case PALPATE_METHOD_GALERKIN:
+        return pal_fail(error, PALPATE_ERROR_UNSUPPORTED, "discretization: galerkin is not built yet");
+    }
+    return pal_fail(error, PALPATE_ERROR_ARGUMENT, "discretization: no method has number %d",
+                    (int)method->kind);
+}
