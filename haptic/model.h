@@ -97,6 +97,20 @@ PALPATE_API pal_status pal_precision_store(pal_precision precision, const double
                                            void *out);
 PALPATE_API void pal_precision_load(pal_precision precision, const void *in, int64_t count, double *out);
 
+/// Version of the model file's content; a file with a higher one is refused.
+enum { PALPATE_MODEL_VERSION = 1 };
+
+/// The model as a sealed file image (file_header.h), to be freed by the caller.
+PALPATE_API pal_status pal_model_image(const pal_model *model, void **image, size_t *size, pal_error *error);
+
+/// Parse an image whose checksums were verified already (or, when fuzzing, on purpose not).
+/// @return PALPATE_OK; _FORMAT, _MEMORY. *out is NULL on error.
+PALPATE_API pal_status pal_model_parse(const void *image, size_t size, pal_model **out, pal_error *error);
+
+/// pal_model_save with the file's permissions before the umask; pal_model_save uses 0666.
+PALPATE_API pal_status pal_model_save_mode(const pal_model *model, const char *path, unsigned mode,
+                                           pal_error *error);
+
 /// Largest count of anything a model may hold; keeps all products within 63 bits.
 enum { PALPATE_COUNT_MAX = 1 << 26 };
 

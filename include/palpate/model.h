@@ -83,7 +83,14 @@ typedef struct pal_model_info {
 /// @return PALPATE_OK; _IO, _FORMAT, _VERSION, _TRUNCATED, _CHECKSUM, _MEMORY (nothing is returned)
 PALPATE_API pal_status pal_model_load(const char *path, pal_model **out, pal_error *error);
 
+/// pal_model_load, refusing a model whose content hash is not `hash` (hex, as pal_scene_hash gives it).
+/// @return as pal_model_load; PALPATE_STALE when the file is whole but of another scene (*out is NULL)
+PALPATE_API pal_status pal_model_load_expect(const char *path, const char *hash, pal_model **out,
+                                             pal_error *error);
+
 /// Write a model: to a temporary file in the same directory, fsync, then renamed over `path`.
+/// On failure nothing is left behind and an older file at `path` is untouched.
+/// @return PALPATE_OK; _IO (no space, no permission, ...), _ARGUMENT (not a valid model), _MEMORY
 PALPATE_API pal_status pal_model_save(const pal_model *model, const char *path, pal_error *error);
 
 /// Free a model; NULL is allowed. No engine may still use it.

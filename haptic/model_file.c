@@ -1,0 +1,541 @@
+/// @file model_file.c  The one model file format: reader and writer from one description.
+///
+/// A sealed HDF5 file (file_header.h): the checksum gate comes first, then every dataset is read with
+/// the type and dimensions the counts ask for, then pal_model_check looks at every index and number.
+/// Reader and writer walk the same tables and the same functions (`transfer` knows the direction), so
+/// they cannot drift apart. Numbers keep their bits: doubles as doubles, the stored rows in their own
+/// precision. Content:
+///
+///     /info /certificate /seconds      scalars of pal_model_info
+///     /nodes /compliance /patches/N /probes/N /skin
+///     /runtime /runtime/tools/N        so that `palpate run MODEL` needs nothing else
+///     /scene                           the canonical scene text (optional)
+///
+/// Nothing allocated exceeds the file's own size. Thread: any.
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "haptic/error.h"
+#include "haptic/file_header.h"
+#include "haptic/h5.h"
+#include "haptic/model.h"
+
+// ---- Scalars ------------------------------------------------------------------------------------
+
+enum { TEXT = -1 };
+
+typedef struct field {
+    const char *path; ///< absolute for the model, relative for a tool
+    size_t offset;
+    int type; ///< pal_h5_type, or TEXT with `count` bytes
+    int count;
+    const char *unit, *description;
+} field;
+
+#define AT(member) offsetof(struct pal_model, member)
+#define I32 PALPATE_H5_I32
+#define U64 PALPATE_H5_U64
+#define F64 PALPATE_H5_F64
+
+_Static_assert(sizeof(pal_precision) == 4 && sizeof(pal_shape_kind) == 4 && sizeof(pal_device_kind) == 4 &&
+                   sizeof(pal_stroke_kind) == 4 && sizeof(int) == 4,
+               "enumerations and int are stored as 32-bit integers");
+
+#define MEMBER_SIZE(type, member) ((int)sizeof(((type *)0)->member))
+
+static const field model_fields[] = {
+    {"/info/node_count", AT(info.node_count), I32, 1, "1", "nodes of the cloud"},
+    {"/info/surface_count", AT(info.surface_count), I32, 1, "1", "surface nodes, first in order"},
+    {"/info/triangle_count", AT(info.triangle_count), I32, 1, "1", "surface triangles"},
+    {"/info/touchable_count", AT(info.touchable_count), I32, 1, "1", "nodes a tool may touch"},
+    {"/info/column_count", AT(info.column_count), I32, 1, "1", "nodes with compliance columns (t)"},
+    {"/info/row_count", AT(info.row_count), I32, 1, "1", "nodes whose displacement is stored (s)"},
+    {"/info/fixed_count", AT(info.fixed_count), I32, 1, "1", "nodes held at u = 0"},
+    {"/info/patch_count", AT(info.patch_count), I32, 1, "1", "named patches"},
+    {"/info/probe_count", AT(info.probe_count), I32, 1, "1", "probes"},
+    {"/info/skin_count", AT(info.skin_count), I32, 1, "1", "vertices of the render mesh"},
+    {"/info/precision", AT(info.precision), I32, 1, "1", "of the stored rows: 0 double, 1 single, 2 half"},
+    {"/info/bytes", AT(info.bytes), U64, 1, "byte", "compliance blocks in memory"},
+    {"/info/peak_bytes", AT(info.peak_bytes), U64, 1, "byte", "peak memory of the offline stage"},
+    {"/info/spacing_min", AT(info.spacing_min), F64, 1, "m", "smallest node spacing"},
+    {"/info/spacing_mean", AT(info.spacing_mean), F64, 1, "m", "mean node spacing"},
+    {"/info/spacing_max", AT(info.spacing_max), F64, 1, "m", "largest node spacing"},
+    {"/info/young", AT(info.young), F64, 1, "Pa", "Young's modulus"},
+    {"/info/poisson", AT(info.poisson), F64, 1, "1", "Poisson's ratio"},
+    {"/info/density", AT(info.density), F64, 1, "kg/m^3", "density"},
+    {"/info/volume", AT(info.volume), F64, 1, "m^3", "volume of the body"},
+    {"/info/bounds_min", AT(info.bounds_min), F64, 3, "m", "lower corner of the rest shape"},
+    {"/info/bounds_max", AT(info.bounds_max), F64, 3, "m", "upper corner of the rest shape"},
+    {"/info/method", AT(info.method), TEXT, MEMBER_SIZE(pal_model_info, method), NULL, "discretization"},
+    {"/info/method_options", AT(info.method_options), TEXT, MEMBER_SIZE(pal_model_info, method_options), NULL,
+     "its options in effect"},
+    {"/info/hash", AT(info.hash), TEXT, MEMBER_SIZE(pal_model_info, hash), NULL,
+     "content hash of the scene's physics (BLAKE2b-256, hex)"},
+    {"/info/provenance", AT(info.provenance), TEXT, MEMBER_SIZE(pal_model_info, provenance), NULL,
+     "program, compiler, libraries, host"},
+
+    {"/seconds/cloud", AT(info.seconds.cloud), F64, 1, "s", "node cloud"},
+    {"/seconds/assemble", AT(info.seconds.assemble), F64, 1, "s", "assembly"},
+    {"/seconds/factor", AT(info.seconds.factor), F64, 1, "s", "factorization"},
+    {"/seconds/solve", AT(info.seconds.solve), F64, 1, "s", "columns"},
+    {"/seconds/certify", AT(info.seconds.certify), F64, 1, "s", "certificate"},
+    {"/seconds/total", AT(info.seconds.total), F64, 1, "s", "all of the offline stage"},
+
+    {"/certificate/pass", AT(info.certificate.pass), I32, 1, "1", "1: every gate holds"},
+    {"/certificate/passive", AT(info.certificate.passive), I32, 1, "1",
+     "1: C_TT is symmetric and positive definite"},
+    {"/certificate/symmetrized", AT(info.certificate.symmetrized), I32, 1, "1",
+     "1: C_TT was replaced by (C + C^T)/2"},
+    {"/certificate/reciprocity", AT(info.certificate.reciprocity), F64, 1, "1",
+     "||C - C^T||_F / ||C||_F before symmetrizing"},
+    {"/certificate/force_change", AT(info.certificate.force_change), F64, 1, "1",
+     "worst relative change of a sampled force by symmetrizing"},
+    {"/certificate/min_eigenvalue", AT(info.certificate.min_eigenvalue), F64, 1, "m/N",
+     "of the stored symmetric part"},
+    {"/certificate/max_eigenvalue", AT(info.certificate.max_eigenvalue), F64, 1, "m/N",
+     "of the stored symmetric part"},
+    {"/certificate/min_eigenvalue_ratio", AT(info.certificate.min_eigenvalue_ratio), F64, 1, "1",
+     "smallest / largest eigenvalue of the symmetric part"},
+    {"/certificate/solve_residual", AT(info.certificate.solve_residual), F64, 1, "1",
+     "worst ||K u - f|| / ||f|| over sampled columns"},
+    {"/certificate/rcond", AT(info.certificate.rcond), F64, 1, "1", "of the equilibrated system"},
+    {"/certificate/force_balance", AT(info.certificate.force_balance), F64, 1, "1",
+     "worst |support + applied force| / |force|; negative: not computed"},
+    {"/certificate/mls_worst_condition", AT(info.certificate.mls_worst_condition), F64, 1, "1",
+     "worst scaled stencil condition"},
+    {"/certificate/mls_worst_point", AT(info.certificate.mls_worst_point), F64, 3, "m", "where"},
+    {"/certificate/mls_grown", AT(info.certificate.mls_grown), I32, 1, "1", "stencils that had to grow"},
+    {"/certificate/estimated_error", AT(info.certificate.estimated_error), F64, 1, "1",
+     "estimated relative error of the force; negative: not estimated"},
+    {"/certificate/loop_energy_raw", AT(info.certificate.loop_energy_raw), F64, 1, "1",
+     "worst energy returned per closed tool loop / stored energy, raw block"},
+    {"/certificate/loop_energy", AT(info.certificate.loop_energy), F64, 1, "1", "the same, stored block"},
+    {"/certificate/reason", AT(info.certificate.reason), TEXT, MEMBER_SIZE(pal_certificate, reason), NULL,
+     "why it fails and the remedy; empty when it passes"},
+
+    {"/compliance/row_scale", AT(row_scale), F64, 1, "1", "c_st times this is in m/N"},
+
+    {"/runtime/tool_count", AT(runtime.tool_count), I32, 1, "1", "tools"},
+    {"/runtime/servo_rate", AT(runtime.servo_rate), F64, 1, "Hz", "servo rate"},
+    {"/runtime/render_rate", AT(runtime.render_rate), F64, 1, "Hz", "render rate"},
+    {"/runtime/max_contacts", AT(runtime.max_contacts), I32, 1, "1", "contact points an engine keeps"},
+};
+
+#undef AT
+#define AT(member) offsetof(pal_tool_def, member)
+#define SIZE(member) MEMBER_SIZE(pal_tool_def, member)
+
+static const field tool_fields[] = {
+    {"name", AT(name), TEXT, SIZE(name), NULL, "name in the scene"},
+    {"shape", AT(shape), I32, 1, "1", "0 point, 1 sphere, 2 capsule"},
+    {"radius", AT(radius), F64, 1, "m", "of sphere and capsule"},
+    {"length", AT(length), F64, 1, "m", "of the capsule's segment"},
+    {"friction", AT(friction), F64, 1, "1", "Coulomb coefficient"},
+    {"coupling_stiffness", AT(coupling_stiffness), F64, 1, "N/m", "virtual coupling; 0: rigid"},
+    {"coupling_damping", AT(coupling_damping), F64, 1, "N s/m", "virtual coupling"},
+    {"limit_force", AT(limits.force), F64, 1, "N", "cap of the force"},
+    {"limit_slew", AT(limits.slew), F64, 1, "N/ms", "cap of its rate"},
+    {"limit_torque", AT(limits.torque), F64, 1, "N m", "cap of the torque"},
+    {"start", AT(start), F64, 3, "m", "tool origin when it just touches"},
+    {"axis", AT(axis), F64, 3, "1", "pressing direction"},
+    {"has_start", AT(has_start), I32, 1, "1", "1: the scene gave start"},
+    {"device", AT(device.kind), I32, 1, "1", "0 none, 1 null, 2 replay, 3 scripted, 4 simulated"},
+    {"path", AT(device.path), TEXT, SIZE(device.path), NULL, "trajectory of a replay, absolute"},
+    {"stroke", AT(device.stroke.kind), I32, 1, "1", "0 press, 1 slide, 2 circle, 3 palpation"},
+    {"depth", AT(device.stroke.depth), F64, 1, "m", "stroke: depth"},
+    {"ramp", AT(device.stroke.ramp), F64, 1, "s", "stroke: time of approach"},
+    {"period", AT(device.stroke.period), F64, 1, "s", "stroke: period"},
+    {"amplitude", AT(device.stroke.amplitude), F64, 1, "m", "stroke: half travel or radius"},
+    {"direction", AT(device.stroke.direction), F64, 3, "1", "stroke: slide direction"},
+    {"tremor_amplitude", AT(device.stroke.tremor_amplitude), F64, 1, "m", "stroke: tremor"},
+    {"tremor_frequency", AT(device.stroke.tremor_frequency), F64, 1, "Hz", "stroke: tremor"},
+};
+
+// ---- One walk for both directions -----------------------------------------------------------------
+
+typedef struct transfer {
+    pal_h5 *file;
+    int reading;
+    size_t limit; ///< reading: bytes of the file; nothing larger is allocated
+    pal_error *error;
+} transfer;
+
+#define TRY(call)                                                                                  \
+    do {                                                                                           \
+        pal_status try_status = (call);                                                            \
+        if (try_status != PALPATE_OK) {                                                            \
+            return try_status;                                                                     \
+        }                                                                                          \
+    } while (0)
+
+static pal_status transfer_fields(const transfer *t, const char *prefix, const field *fields, size_t count,
+                                  void *base) {
+    for (size_t i = 0; i < count; i++) {
+        const field *f = &fields[i];
+        char path[PALPATE_H5_PATH_MAX];
+        (void)snprintf(path, sizeof path, "%s%s", prefix, f->path);
+        void *at = (char *)base + f->offset;
+        int rank = f->count > 1 ? 1 : 0;
+        int64_t dims[1] = {f->count};
+        if (f->type == TEXT) {
+            TRY(t->reading ? pal_h5_read_text(t->file, path, at, (size_t)f->count, t->error)
+                           : pal_h5_write_text(t->file, path, at, f->description, t->error));
+        } else if (t->reading) {
+            TRY(pal_h5_read(t->file, path, (pal_h5_type)f->type, rank, dims, at, t->error));
+        } else {
+            TRY(pal_h5_write(t->file, path, (pal_h5_type)f->type, rank, dims, at, f->unit, f->description,
+                             t->error));
+        }
+    }
+    return PALPATE_OK;
+}
+
+/// Room for rows x columns elements, when the file can hold that many.
+static pal_status allocate(const transfer *t, const char *path, int64_t rows, int64_t columns, size_t element,
+                           void **out) {
+    size_t bytes;
+    if (rows < 0 || columns < 0 || __builtin_mul_overflow((size_t)rows, (size_t)columns, &bytes) ||
+        __builtin_mul_overflow(bytes, element, &bytes) || bytes > t->limit) {
+        return pal_fail(t->error, PALPATE_ERROR_FORMAT, "%s: %lld x %lld entries do not fit the file", path,
+                        (long long)rows, (long long)columns);
+    }
+    *out = malloc(bytes + 1); // never NULL for nothing
+    if (*out == NULL) {
+        return pal_fail(t->error, PALPATE_ERROR_MEMORY, "%s: no memory for %zu bytes", path, bytes);
+    }
+    return PALPATE_OK;
+}
+
+/// A packed array (rows x columns); columns 0 makes it a vector. Reading allocates *data.
+static pal_status transfer_array(const transfer *t, const char *path, pal_h5_type type, int64_t rows,
+                                 int64_t columns, void **data, const char *unit, const char *description) {
+    int64_t dims[2] = {rows, columns};
+    int rank = columns > 0 ? 2 : 1;
+    if (!t->reading) {
+        return pal_h5_write(t->file, path, type, rank, dims, *data, unit, description, t->error);
+    }
+    TRY(allocate(t, path, rows, columns > 0 ? columns : 1, pal_h5_type_size(type), data));
+    return pal_h5_read(t->file, path, type, rank, dims, *data, t->error);
+}
+
+/// `pointer` is any array member; its address travels as void **, copied in and out by memcpy.
+#define ARRAY(path, type, rows, columns, pointer, unit, description)                               \
+    do {                                                                                           \
+        void *array_;                                                                              \
+        memcpy(&array_, &(pointer), sizeof array_);                                                \
+        pal_status array_status = transfer_array(t, path, type, rows, columns, &array_, unit, description); \
+        if (t->reading) {                                                                          \
+            memcpy(&(pointer), &array_, sizeof array_);                                            \
+        }                                                                                          \
+        if (array_status != PALPATE_OK) {                                                          \
+            return array_status;                                                                   \
+        }                                                                                          \
+    } while (0)
+
+/// Counts size everything that follows; read ones are checked before they are used.
+static pal_status check_counts(const transfer *t, const pal_model *model) {
+    const pal_model_info *i = &model->info;
+    int32_t counts[] = {i->node_count, i->surface_count, i->triangle_count, i->column_count, i->row_count,
+                        i->patch_count, i->probe_count,  i->skin_count};
+    for (size_t k = 0; k < sizeof counts / sizeof *counts; k++) {
+        if (counts[k] < 0 || counts[k] > PALPATE_COUNT_MAX) {
+            return pal_fail(t->error, PALPATE_ERROR_FORMAT, "/info: count %d is out of range", (int)counts[k]);
+        }
+    }
+    if (model->runtime.tool_count < 0 || model->runtime.tool_count > PALPATE_TOOLS_MAX) {
+        return pal_fail(t->error, PALPATE_ERROR_FORMAT, "/runtime/tool_count is %d, must be 0 to %d",
+                        (int)model->runtime.tool_count, PALPATE_TOOLS_MAX);
+    }
+    if (pal_precision_size(i->precision) == 0) {
+        return pal_fail(t->error, PALPATE_ERROR_FORMAT, "/info/precision is %d, must be 0 to 2",
+                        (int)i->precision);
+    }
+    return PALPATE_OK;
+}
+
+static pal_status transfer_nodes(const transfer *t, pal_model *model) {
+    const pal_model_info *i = &model->info;
+    ARRAY("/nodes/position", PALPATE_H5_F64, i->node_count, 3, model->position, "m",
+          "rest positions; surface nodes first");
+    ARRAY("/nodes/flags", PALPATE_H5_U8, i->node_count, 0, model->node_flags, "1",
+          "bit 0: fixed, bit 1: touchable");
+    ARRAY("/nodes/normal", PALPATE_H5_F64, i->surface_count, 3, model->normal, "1",
+          "outward unit normals of the surface nodes");
+    ARRAY("/nodes/area_vector", PALPATE_H5_F64, i->surface_count, 3, model->area_vector, "m^2",
+          "tributary area vectors of the surface nodes");
+    ARRAY("/nodes/triangle", PALPATE_H5_I32, i->triangle_count, 3, model->triangle, "1",
+          "surface triangles, outward counter-clockwise, indices of surface nodes");
+    return PALPATE_OK;
+}
+
+static pal_h5_type row_type(pal_precision precision) {
+    return precision == PALPATE_PRECISION_DOUBLE   ? PALPATE_H5_F64
+           : precision == PALPATE_PRECISION_SINGLE ? PALPATE_H5_F32
+                                                   : PALPATE_H5_F16;
+}
+
+static pal_status transfer_rows(const transfer *t, pal_model *model) {
+    static const char path[] = "/compliance/c_st";
+    const pal_model_info *i = &model->info;
+    int64_t dims[2] = {3 * (int64_t)i->column_count, 3 * (int64_t)i->row_count};
+    pal_h5_type type = row_type(i->precision);
+    if (t->reading) {
+        double scale = model->row_scale;
+        size_t bytes;
+        if (__builtin_mul_overflow((size_t)dims[0], (size_t)dims[1], &bytes) ||
+            __builtin_mul_overflow(bytes, pal_h5_type_size(type), &bytes) || bytes > t->limit) {
+            return pal_fail(t->error, PALPATE_ERROR_FORMAT, "%s: %lld x %lld entries do not fit the file", path,
+                            (long long)dims[0], (long long)dims[1]);
+        }
+        TRY(pal_model_alloc_rows(model, t->error));
+        model->row_scale = scale;
+        return pal_h5_read_rows(t->file, path, type, 2, dims, 0, dims[0], model->row_ld, model->c_st, t->error);
+    }
+    TRY(pal_h5_declare(t->file, path, type, 2, dims, "m/N / row_scale",
+                       "compliance C_ST: entry (j, i) is the displacement of row dof i under a unit force in "
+                       "column dof j; dof 3k + c: node k of row_node or column_node, direction c",
+                       t->error));
+    if (dims[0] == 0 || dims[1] == 0) {
+        return PALPATE_OK;
+    }
+    return pal_h5_write_rows(t->file, path, type, 0, dims[0], model->row_ld, model->c_st, t->error);
+}
+
+static pal_status transfer_compliance(const transfer *t, pal_model *model) {
+    const pal_model_info *i = &model->info;
+    int64_t n = 3 * (int64_t)i->column_count;
+    ARRAY("/compliance/column_node", PALPATE_H5_I32, i->column_count, 0, model->column_node, "1",
+          "node of each column triple, ascending");
+    ARRAY("/compliance/row_node", PALPATE_H5_I32, i->row_count, 0, model->row_node, "1",
+          "node of each stored row triple, ascending");
+    if (n > 0) {
+        ARRAY("/compliance/c_tt", PALPATE_H5_F64, n, n, model->c_tt, "m/N",
+              "compliance of the column nodes: entry (j, i) is the displacement of dof i under a unit force "
+              "in dof j; dof 3k + c: column node k, direction c");
+    }
+    if (n > 0 && i->probe_count > 0) {
+        ARRAY("/compliance/probe_row", PALPATE_H5_F64, n, 3 * (int64_t)i->probe_count, model->probe_row, "m/N",
+              "entry (j, 3k + c): displacement of probe k in direction c under a unit force in dof j");
+    }
+    return transfer_rows(t, model);
+}
+
+static pal_status transfer_patches(const transfer *t, pal_model *model) {
+    int32_t count = model->info.patch_count;
+    if (t->reading) {
+        void *patches;
+        TRY(allocate(t, "/patches", count, 1, sizeof *model->patch, &patches));
+        memset(patches, 0, (size_t)count * sizeof *model->patch);
+        model->patch = patches;
+    }
+    for (int32_t k = 0; k < count; k++) {
+        char path[PALPATE_H5_PATH_MAX];
+        pal_patch *patch = &model->patch[k];
+        (void)snprintf(path, sizeof path, "/patches/%d/name", (int)k);
+        TRY(t->reading ? pal_h5_read_text(t->file, path, patch->name, sizeof patch->name, t->error)
+                       : pal_h5_write_text(t->file, path, patch->name, "name in the scene", t->error));
+        (void)snprintf(path, sizeof path, "/patches/%d/column", (int)k);
+        int64_t nodes = patch->count;
+        if (t->reading) {
+            TRY(pal_h5_dims(t->file, path, PALPATE_H5_I32, 1, &nodes, t->error));
+            if (nodes > model->info.column_count) {
+                return pal_fail(t->error, PALPATE_ERROR_FORMAT, "%s: %lld nodes, the model has %d columns", path,
+                                (long long)nodes, (int)model->info.column_count);
+            }
+            patch->count = (int32_t)nodes;
+        }
+        ARRAY(path, PALPATE_H5_I32, nodes, 0, patch->column, "1", "the patch's nodes: indices into column_node");
+    }
+    return PALPATE_OK;
+}
+
+static pal_status transfer_probes(const transfer *t, pal_model *model) {
+    static const field fields[] = {
+        {"name", offsetof(pal_probe, name), TEXT, MEMBER_SIZE(pal_probe, name), NULL, "name in the scene"},
+        {"position", offsetof(pal_probe, position), PALPATE_H5_F64, 3, "m", "rest position"}};
+    int32_t count = model->info.probe_count;
+    if (t->reading) {
+        void *probes;
+        TRY(allocate(t, "/probes", count, 1, sizeof *model->probe, &probes));
+        memset(probes, 0, (size_t)count * sizeof *model->probe);
+        model->probe = probes;
+    }
+    for (int32_t k = 0; k < count; k++) {
+        char prefix[PALPATE_H5_PATH_MAX];
+        (void)snprintf(prefix, sizeof prefix, "/probes/%d/", (int)k);
+        TRY(transfer_fields(t, prefix, fields, sizeof fields / sizeof *fields, &model->probe[k]));
+    }
+    return PALPATE_OK;
+}
+
+static pal_status transfer_skin(const transfer *t, pal_model *model) {
+    static const field fields[] = {{"/skin/triangle_count", offsetof(struct pal_model, skin_triangle_count),
+                                    PALPATE_H5_I32, 1, "1", "triangles of the render mesh"}};
+    int32_t count = model->info.skin_count;
+    if (count == 0) {
+        return PALPATE_OK;
+    }
+    TRY(transfer_fields(t, "", fields, 1, model));
+    ARRAY("/skin/position", PALPATE_H5_F64, count, 3, model->skin_position, "m", "rest positions of the vertices");
+    ARRAY("/skin/row", PALPATE_H5_I32, count, PALPATE_SKIN_WEIGHTS, model->skin_row, "1",
+          "indices into row_node; -1: unused");
+    ARRAY("/skin/weight", PALPATE_H5_F32, count, PALPATE_SKIN_WEIGHTS, model->skin_weight, "1",
+          "u(vertex) = sum of weight times u(row)");
+    ARRAY("/skin/triangle", PALPATE_H5_I32, model->skin_triangle_count, 3, model->skin_triangle, "1",
+          "triangles, outward counter-clockwise, indices of vertices");
+    return PALPATE_OK;
+}
+
+static pal_status transfer_scene(const transfer *t, pal_model *model) {
+    static const char path[] = "/scene";
+    if (!t->reading) {
+        return model->scene_text == NULL
+                   ? PALPATE_OK
+                   : pal_h5_write_text(t->file, path, model->scene_text, "canonical scene with defaults", t->error);
+    }
+    size_t size;
+    if (!pal_h5_has(t->file, path)) {
+        return PALPATE_OK;
+    }
+    TRY(pal_h5_text_size(t->file, path, &size, t->error));
+    void *text;
+    TRY(allocate(t, path, (int64_t)size, 1, 1, &text));
+    model->scene_text = text;
+    return pal_h5_read_text(t->file, path, model->scene_text, size, t->error);
+}
+
+static pal_status transfer_model(const transfer *t, pal_model *model) {
+    TRY(transfer_fields(t, "", model_fields, sizeof model_fields / sizeof *model_fields, model));
+    TRY(check_counts(t, model));
+    for (int32_t k = 0; k < model->runtime.tool_count; k++) {
+        char prefix[PALPATE_H5_PATH_MAX];
+        (void)snprintf(prefix, sizeof prefix, "/runtime/tools/%d/", (int)k);
+        TRY(transfer_fields(t, prefix, tool_fields, sizeof tool_fields / sizeof *tool_fields,
+                            &model->runtime.tools[k]));
+    }
+    TRY(transfer_nodes(t, model));
+    TRY(transfer_compliance(t, model));
+    TRY(transfer_patches(t, model));
+    TRY(transfer_probes(t, model));
+    TRY(transfer_skin(t, model));
+    return transfer_scene(t, model);
+}
+
+// ---- Writing ------------------------------------------------------------------------------------
+
+static size_t expected_size(const pal_model *model) {
+    const pal_model_info *i = &model->info;
+    size_t n = 3 * (size_t)i->column_count;
+    return ((size_t)1 << 17) + n * n * 8 + n * 3 * (size_t)i->row_count * pal_precision_size(i->precision) +
+           (size_t)i->node_count * 80 + (size_t)i->triangle_count * 12 + (size_t)i->skin_count * 100 +
+           (size_t)model->skin_triangle_count * 12 + n * 24 * (size_t)i->probe_count;
+}
+
+pal_status pal_model_image(const pal_model *model, void **image, size_t *size, pal_error *error) {
+    *image = NULL;
+    *size = 0;
+    TRY(pal_model_check(model, error));
+    pal_h5 *file;
+    TRY(pal_h5_create(NULL, PALPATE_USER_BLOCK, expected_size(model), &file, error));
+    transfer t = {.file = file, .error = error};
+    // the walk writes to the model only when reading
+    pal_model *walked;
+    memcpy(&walked, &model, sizeof walked);
+    pal_status status = pal_h5_describe(file, "/",
+                                        "Palpate model: precomputed compliance of a deformable body. SI units. "
+                                        "Documentation: README of Palpate; layout: haptic/model.h",
+                                        error);
+    if (status == PALPATE_OK) {
+        status = transfer_model(&t, walked);
+    }
+    if (status != PALPATE_OK) {
+        (void)pal_h5_close(file, NULL);
+        return status;
+    }
+    TRY(pal_h5_take_image(file, image, size, error));
+    return pal_file_seal(PALPATE_FILE_MODEL, PALPATE_MODEL_VERSION, *image, *size);
+}
+
+pal_status pal_model_save_mode(const pal_model *model, const char *path, unsigned mode, pal_error *error) {
+    if (model == NULL || path == NULL) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "save: needs a model and a path");
+    }
+    void *image;
+    size_t size;
+    pal_status status = pal_model_image(model, &image, &size, error);
+    if (status != PALPATE_OK) {
+        return pal_fail_prefix(error, status, "%s: cannot be written", path);
+    }
+    status = pal_file_save(path, image, size, mode, error);
+    free(image);
+    return status;
+}
+
+pal_status pal_model_save(const pal_model *model, const char *path, pal_error *error) {
+    return pal_model_save_mode(model, path, 0666, error);
+}
+
+// ---- Reading ------------------------------------------------------------------------------------
+
+pal_status pal_model_parse(const void *image, size_t size, pal_model **out, pal_error *error) {
+    *out = NULL;
+    pal_model *model = pal_model_new();
+    if (model == NULL) {
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "no memory for a model");
+    }
+    pal_h5 *file = NULL;
+    pal_status status = pal_h5_open_image(image, size, &file, error);
+    if (status == PALPATE_OK) {
+        transfer t = {.file = file, .reading = 1, .limit = size, .error = error};
+        status = transfer_model(&t, model);
+        (void)pal_h5_close(file, NULL);
+    }
+    if (status == PALPATE_OK && pal_model_check(model, error) != PALPATE_OK) {
+        status = PALPATE_ERROR_FORMAT;
+        if (error != NULL) {
+            error->status = status;
+        }
+    }
+    if (status != PALPATE_OK) {
+        pal_model_free(model);
+        return status;
+    }
+    *out = model;
+    return PALPATE_OK;
+}
+
+pal_status pal_model_load(const char *path, pal_model **out, pal_error *error) {
+    if (path == NULL || out == NULL) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "load: needs a path and a place for the model");
+    }
+    *out = NULL;
+    void *image;
+    size_t size;
+    TRY(pal_file_load(PALPATE_FILE_MODEL, PALPATE_MODEL_VERSION, path, &image, &size, error));
+    pal_status status = pal_model_parse(image, size, out, error);
+    free(image);
+    if (status == PALPATE_ERROR_FORMAT) {
+        return pal_fail_prefix(error, status,
+                               "%s: whole, but not a valid model (write it again with palpate precompute)", path);
+    }
+    return status == PALPATE_OK ? status : pal_fail_prefix(error, status, "%s", path);
+}
+
+pal_status pal_model_load_expect(const char *path, const char *hash, pal_model **out, pal_error *error) {
+    if (hash == NULL) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "load: needs the expected content hash");
+    }
+    TRY(pal_model_load(path, out, error));
+    if (strcmp((*out)->info.hash, hash) == 0) {
+        return PALPATE_OK;
+    }
+    pal_status status = pal_fail(error, PALPATE_STALE,
+                                 "%s: stale: built from scene %.12s..., the scene given is %.12s...; build it "
+                                 "again with palpate precompute",
+                                 path, (*out)->info.hash, hash);
+    pal_model_free(*out);
+    *out = NULL;
+    return status;
+}
