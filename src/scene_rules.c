@@ -97,7 +97,9 @@ pal_status pal_rule_method(pal_reading *r, const pal_value *value, void *object)
         method->basis = point ? PALPATE_BASIS_QUADRATIC : PALPATE_BASIS_LINEAR;
     }
     if (pal_value_is_null(pal_value_get(value, "volumetric"))) {
-        method->volumetric = point ? PALPATE_VOLUMETRIC_PLAIN : PALPATE_VOLUMETRIC_NODAL;
+        method->volumetric = point                                        ? PALPATE_VOLUMETRIC_PLAIN
+                             : method->kind == PALPATE_METHOD_CELL ? PALPATE_VOLUMETRIC_NODAL
+                                                                   : PALPATE_VOLUMETRIC_MIXED;
     }
     if (pal_value_is_null(pal_value_get(value, "stabilization"))) {
         method->stabilization = -1.0;

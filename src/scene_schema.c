@@ -226,7 +226,7 @@ static const pal_scene_key KEYS[] = {
      "fictitious nodes outside each traction node, PDE on the boundary (point)",
      BIND(.kind = PALPATE_KEY_SWITCH, AT(struct pal_scene, method.fictitious), METHODS(POINT))},
     CHOICE("method.volumetric", "plain | nodal | mixed",
-           "(nodal for cell and galerkin, plain for point)",
+           "(nodal for cell, mixed for galerkin)",
            "volumetric part: at the point, averaged at nodes, or with pressures", struct pal_scene,
            method.volumetric, METHODS(CELL | GALERKIN)),
     CHOICE("method.form", "symmetric | collocated", "symmetric",
