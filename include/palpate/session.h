@@ -65,16 +65,20 @@ PALPATE_API int pal_device_host_get(pal_device *device, pal_tool_force *force);
 
 typedef struct pal_session pal_session;
 
-/// One per-tick record (ring and recording file). Fixed size, plain data, little endian.
+/// One per-tick record (ring and recording file). Fixed size, plain data without padding, little
+/// endian. Records of skipped periods do not exist: consecutive `tick` numbers with a jump in
+/// `time_ns` show them.
 typedef struct pal_tick_record {
-    uint64_t tick;
-    int64_t time_ns;       ///< session time of the tick (tick * period in freewheel)
+    uint64_t tick;         ///< evaluated ticks before this one
+    int64_t time_ns;       ///< session time of the tick: its period's number times the period
     int64_t lateness_ns;   ///< wake-up after the deadline; 0 in freewheel
-    int32_t device_ns, force_ns, field_ns, compute_ns; ///< stage times; compute: whole tick
-    uint32_t fault;
+    int32_t device_ns, force_ns, field_ns, compute_ns; ///< stage times; compute: read to field's end
+    int32_t cpu_ns;        ///< thread CPU time of the same span: what pre-emption did not take
+    int32_t field_skipped; ///< 1: overload, no field this tick
+    uint32_t fault;        ///< PALPATE_FAULT_*, output stage and devices included
     int32_t tool;          ///< index; one record per tool and tick
-    pal_tool_state state;  ///< input
-    pal_tool_force force;  ///< output
+    pal_tool_state state;  ///< input as given to the engine
+    pal_tool_force force;  ///< output as given to the device
 } pal_tick_record;
 
 typedef struct pal_session_def {
@@ -91,12 +95,19 @@ typedef struct pal_session_def {
     /// notice). NULL: frames are only counted.
     void (*render)(void *user, const pal_frame *frame);
     void *render_user;
-    const char *record_path;   ///< recording file; NULL: none
+    const char *record_path;   ///< recording file (HDF5, `.h5`); NULL: none; copied at create
     int32_t ring_ticks;        ///< per-tick ring kept in memory; default 8192
+    /// Above 0: after each such slice of session time [s] the servo thread runs a bare loop (sleep
+    /// and wake only) of equal length while session time stands still; the report's `bare` tells
+    /// what the machine itself misses. A run then takes twice its duration. 0: none (default).
+    double reference_slice;
 } pal_session_def;
 
 PALPATE_API pal_session_def pal_session_default_def(void);
 
+/// Create engine, rings, threads' memory. The devices belong to the session only on success.
+/// @return PALPATE_OK; _ARGUMENT, _MEMORY, _UNSUPPORTED, _IO (recording file, unfinished recording
+/// in the way)
 PALPATE_API pal_status pal_session_create(const pal_model *model, const pal_session_def *def,
                                           pal_session **out, pal_error *error);
 /// Start the threads. @return _SYSTEM when realtime is 2 and refused.
@@ -105,7 +116,9 @@ PALPATE_API pal_status pal_session_start(pal_session *session, pal_error *error)
 PALPATE_API void pal_session_request_stop(pal_session *session);
 /// 1 while the servo runs.
 PALPATE_API int pal_session_running(const pal_session *session);
-/// Wait for the end, join the threads, close devices and the recording.
+/// Wait for the end, join the threads, close devices, convert the recording. The run's report holds
+/// whatever this returns. @return PALPATE_OK; _IO, _MEMORY when the recording could not be converted
+/// (its raw files stay and pal_recording_convert can be tried again)
 PALPATE_API pal_status pal_session_finish(pal_session *session, pal_error *error);
 PALPATE_API void pal_session_free(pal_session *session);
 PALPATE_API pal_engine *pal_session_engine(pal_session *session);
@@ -114,6 +127,12 @@ typedef struct pal_quantiles {
     double p50, p99, p999, max; ///< [us]
 } pal_quantiles;
 
+/// What a bare loop on the servo thread (same core, priority, deadlines, no work) met.
+typedef struct pal_bare_report {
+    uint64_t ticks, missed; ///< their sum is the number of periods elapsed
+    pal_quantiles lateness_us;
+} pal_bare_report;
+
 typedef struct pal_session_report {
     uint64_t ticks;     ///< evaluated
     uint64_t missed;    ///< periods elapsed without a tick; ticks + missed = periods elapsed
@@ -121,17 +140,48 @@ typedef struct pal_session_report {
     uint64_t field_skipped; ///< ticks whose field was skipped under overload
     double seconds;     ///< session time
     pal_quantiles compute_us, lateness_us, device_us, force_us, field_us;
+    pal_quantiles cpu_us;       ///< thread CPU time of compute (a pre-empted tick shows only in compute_us)
+    pal_quantiles pose_to_force_us; ///< from the pose read to the force handed to the device
     double peak_force;  ///< largest |force| [N]
     double peak_force_vector[3]; ///< force on the tool there, body frame [N]
     double peak_depth;  ///< [m]
-    pal_engine_counts counts;
+    pal_engine_counts counts; ///< filled once the servo has ended
+    uint64_t device_errors;   ///< reads and writes that a device refused
+    uint64_t page_faults;     ///< of the servo thread after its first tick
+    uint64_t records, records_lost; ///< ticks x tools written to the recording, and not
+    uint64_t record_frames, record_frames_lost;
+    pal_bare_report bare;     ///< with def.reference_slice
+    char record_error[256];   ///< first failure of the recording; "" when there was none
     char scheduling[512]; ///< what was granted and what was refused, one sentence
 } pal_session_report;
+/// Thread: any; numbers still move while the servo runs.
 PALPATE_API void pal_session_get_report(const pal_session *session, pal_session_report *out);
 
 /// Copy the newest records of the ring, oldest first; returns how many. After finish, or from one
 /// reader thread while running.
 PALPATE_API int32_t pal_session_ring(const pal_session *session, pal_tick_record *out, int32_t capacity);
+
+/// Write the ring as a recording of its own (`path`, HDF5, with XDMF companion but no surface).
+/// After finish, or from the ring's one reader thread while running. @return _OK, _IO, _MEMORY
+PALPATE_API pal_status pal_session_dump(const pal_session *session, const char *path, pal_error *error);
+
+/// ---- Recordings -------------------------------------------------------------------------------
+
+/// What a conversion found.
+typedef struct pal_recording_summary {
+    uint64_t records, frames;
+    uint64_t bad_records, bad_frames; ///< dropped: checksum wrong or cut off at the file's end
+    double seconds;                   ///< session time of the last record
+    int32_t complete;                 ///< 1: the run ended in order; 0: it was killed
+} pal_recording_summary;
+
+/// Make `path` (HDF5) and its `.xdmf` companion out of the raw files `path.ticks` and `path.frames`
+/// of a run that was killed, then remove those. A finished session has done this itself.
+/// @param[out] summary  may be NULL
+/// @return PALPATE_OK; _IO, _FORMAT, _VERSION, _TRUNCATED (header), _CHECKSUM (header), _MEMORY; the raw
+/// files stay on failure
+PALPATE_API pal_status pal_recording_convert(const char *path, pal_recording_summary *summary,
+                                             pal_error *error);
 
 #ifdef __cplusplus
 }
