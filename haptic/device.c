@@ -6,17 +6,19 @@
 
 #include "haptic/error.h"
 
-pal_status pal_device_create(const pal_tool_def *tool, double period, pal_device *out, pal_error *error) {
+pal_status pal_device_create(const pal_tool_def *tool, double period, pal_device *out,
+                             pal_error *error) {
     if (tool == NULL || out == NULL || !(period > 0.0)) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "pal_device_create: NULL or a period of %g s",
-                        period);
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "pal_device_create: NULL or a period of %g s", period);
     }
     memset(out, 0, sizeof *out);
     switch (tool->device.kind) {
     case PALPATE_DEVICE_NONE:
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
                         "tool '%s' has no device; give it one in the scene, e.g. device: {replay: "
-                        "trajectories/press.csv}", tool->name);
+                        "trajectories/press.csv}",
+                        tool->name);
     case PALPATE_DEVICE_NULL:
         return pal_device_null_create(tool, out, error);
     case PALPATE_DEVICE_REPLAY:

@@ -19,7 +19,8 @@ static void null_close(void *self) {
 pal_status pal_device_null_create(const pal_tool_def *tool, pal_device *out, pal_error *error) {
     pal_tool_state *self = calloc(1, sizeof *self);
     if (self == NULL) {
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "tool '%s': no memory for its device", tool->name);
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "tool '%s': no memory for its device",
+                        tool->name);
     }
     memcpy(self->position, tool->start, sizeof self->position);
     self->orientation[0] = 1.0;

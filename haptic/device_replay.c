@@ -26,7 +26,8 @@ static void replay_close(void *self) {
 pal_status pal_device_replay_create(const pal_tool_def *tool, pal_device *out, pal_error *error) {
     pal_trajectory *self = calloc(1, sizeof *self);
     if (self == NULL) {
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "tool '%s': no memory for its device", tool->name);
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "tool '%s': no memory for its device",
+                        tool->name);
     }
     pal_status status = pal_trajectory_load(tool->device.path, self, error);
     if (status != PALPATE_OK) {

@@ -23,10 +23,11 @@ pal_status pal_device_scripted_create(const pal_tool_def *tool, pal_device *out,
     }
     pal_stroke_path *self = calloc(1, sizeof *self);
     if (self == NULL) {
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "tool '%s': no memory for its device", tool->name);
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "tool '%s': no memory for its device",
+                        tool->name);
     }
-    pal_status status = pal_stroke_bind(tool->name, &tool->device.stroke, tool->start, tool->axis, self,
-                                        error);
+    pal_status status =
+        pal_stroke_bind(tool->name, &tool->device.stroke, tool->start, tool->axis, self, error);
     if (status != PALPATE_OK) {
         free(self);
         return status;

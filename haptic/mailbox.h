@@ -29,7 +29,8 @@ static inline uint32_t pal_mailbox_back(const pal_mailbox *m) {
 }
 
 static inline void pal_mailbox_post(pal_mailbox *m) {
-    uint32_t old = atomic_exchange_explicit(&m->middle, m->back | PALPATE_MAILBOX_NEWS, memory_order_acq_rel);
+    uint32_t old =
+        atomic_exchange_explicit(&m->middle, m->back | PALPATE_MAILBOX_NEWS, memory_order_acq_rel);
     m->back = old & 3u;
 }
 

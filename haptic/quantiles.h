@@ -15,9 +15,11 @@
 #include <palpate/session.h>
 
 typedef struct pal_histogram {
-    struct { _Atomic uint32_t count; } *bucket; ///< [PALPATE_HISTOGRAM_BUCKETS]; saturates at 2^32-1
-    _Atomic int64_t max;      ///< [ns]
-    _Atomic uint64_t total;   ///< samples
+    struct {
+        _Atomic uint32_t count;
+    } * bucket;             ///< [PALPATE_HISTOGRAM_BUCKETS]; saturates at 2^32-1
+    _Atomic int64_t max;    ///< [ns]
+    _Atomic uint64_t total; ///< samples
 } pal_histogram;
 
 enum {

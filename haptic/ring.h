@@ -1,10 +1,11 @@
-/// @file ring.h  Per-tick records from the servo to others: newest-history ring and queue (private).
+/// @file ring.h  Per-tick records from the servo to others: newest-history ring and queue
+/// (private).
 ///
 /// pal_ring keeps the newest `capacity` records and overwrites the oldest: the servo never waits. A
-/// reader copies a slot and checks the slot's sequence number before and after (a seqlock per slot),
-/// so a slot overwritten meanwhile is left out, never torn. Every word is atomic, so the check is
-/// data-race free: the writer's words are release stores after the odd sequence number, the reader's
-/// are acquire loads, hence whoever sees a new word sees the odd number too.
+/// reader copies a slot and checks the slot's sequence number before and after (a seqlock per
+/// slot), so a slot overwritten meanwhile is left out, never torn. Every word is atomic, so the
+/// check is data-race free: the writer's words are release stores after the odd sequence number,
+/// the reader's are acquire loads, hence whoever sees a new word sees the odd number too.
 ///
 /// pal_queue is bounded, single producer, single consumer (Lamport 1983): nothing is lost unless it
 /// is full, and then the producer is told so.
@@ -17,7 +18,8 @@
 #include <palpate/session.h>
 
 enum { PALPATE_RECORD_WORDS = sizeof(pal_tick_record) / sizeof(uint64_t) };
-_Static_assert(sizeof(pal_tick_record) == 240, "record layout is a file format: no padding, 30 words");
+_Static_assert(sizeof(pal_tick_record) == 240,
+               "record layout is a file format: no padding, 30 words");
 
 typedef struct pal_ring_slot {
     _Atomic uint64_t sequence; ///< 2n+1 while record n is being written, 2n+2 after; 0: empty
@@ -35,15 +37,16 @@ pal_status pal_ring_init(pal_ring *ring, int64_t capacity);
 void pal_ring_clear(pal_ring *ring);
 /// Thread: the one writer. Wait-free.
 void pal_ring_push(pal_ring *ring, const pal_tick_record *record);
-/// Newest records, oldest first; at most min(capacity argument, ring's). Returns how many. Lock-free.
+/// Newest records, oldest first; at most min(capacity argument, ring's). Returns how many.
+/// Lock-free.
 int32_t pal_ring_copy(const pal_ring *ring, pal_tick_record *out, int32_t capacity);
 
 typedef struct pal_queue {
     pal_tick_record *item;
-    uint64_t mask;                                 ///< capacity - 1, a power of two
-    _Alignas(64) _Atomic uint64_t head;            ///< next to write; producer's
-    uint64_t tail_seen;                            ///< producer's last look at tail
-    _Alignas(64) _Atomic uint64_t tail;            ///< next to read; consumer's
+    uint64_t mask;                      ///< capacity - 1, a power of two
+    _Alignas(64) _Atomic uint64_t head; ///< next to write; producer's
+    uint64_t tail_seen;                 ///< producer's last look at tail
+    _Alignas(64) _Atomic uint64_t tail; ///< next to read; consumer's
 } pal_queue;
 
 /// @return PALPATE_OK or _MEMORY; at least `capacity` records fit

@@ -92,19 +92,24 @@ pal_status pal_stroke_bind(const char *name, const pal_stroke *stroke, const dou
                         (int)stroke->kind);
     }
     if (stroke->kind != PALPATE_STROKE_PRESS && !(stroke->period > 0.0)) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "tool '%s': scripted stroke: period is %g s; slide, circle and palpation need "
-                        "one above 0", name, stroke->period);
+        return pal_fail(
+            error, PALPATE_ERROR_ARGUMENT,
+            "tool '%s': scripted stroke: period is %g s; slide, circle and palpation need "
+            "one above 0",
+            name, stroke->period);
     }
     if (stroke->kind == PALPATE_STROKE_CIRCLE && !(stroke->ramp > 0.0)) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "tool '%s': scripted stroke: ramp is %g s; a circle needs one above 0 to reach "
-                        "its radius without a jump", name, stroke->ramp);
+        return pal_fail(
+            error, PALPATE_ERROR_ARGUMENT,
+            "tool '%s': scripted stroke: ramp is %g s; a circle needs one above 0 to reach "
+            "its radius without a jump",
+            name, stroke->ramp);
     }
     memset(out, 0, sizeof *out);
     out->stroke = *stroke;
     double unit[3] = {axis[0], axis[1], axis[2]};
-    if (!normalise(unit) || !isfinite(dot(start, start)) || !isfinite(dot(stroke->direction, stroke->direction))) {
+    if (!normalise(unit) || !isfinite(dot(start, start)) ||
+        !isfinite(dot(stroke->direction, stroke->direction))) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
                         "tool '%s': start, axis and direction must be finite and the axis not zero",
                         name);
@@ -157,8 +162,8 @@ void pal_stroke_at(const pal_stroke_path *path, double time, pal_tool_state *sta
     memset(state, 0, sizeof *state);
     memcpy(state->orientation, path->orientation, sizeof state->orientation);
     for (int k = 0; k < 3; k++) {
-        state->position[k] = path->start[k] + move[0] * path->frame[0][k] + move[1] * path->frame[1][k] +
-                             move[2] * path->frame[2][k];
+        state->position[k] = path->start[k] + move[0] * path->frame[0][k] +
+                             move[1] * path->frame[1][k] + move[2] * path->frame[2][k];
         if (s->tremor_amplitude > 0.0) {
             state->position[k] += tremor(s, k, t);
         }
@@ -170,9 +175,11 @@ pal_status pal_stroke_sample(const pal_stroke_path *path, double duration, doubl
     memset(out, 0, sizeof *out);
     double samples = floor(duration * rate + 0.5) + 1.0;
     if (!(duration >= 0.0) || !(rate > 0.0) || !(samples <= 1e8)) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "trajectory of %g s at %g Hz: allowed: a duration >= 0, a rate above 0, at most "
-                        "1e8 samples", duration, rate);
+        return pal_fail(
+            error, PALPATE_ERROR_ARGUMENT,
+            "trajectory of %g s at %g Hz: allowed: a duration >= 0, a rate above 0, at most "
+            "1e8 samples",
+            duration, rate);
     }
     int64_t count = (int64_t)samples;
     out->sample = calloc((size_t)count, sizeof *out->sample);

@@ -11,9 +11,11 @@
 #include <unistd.h>
 
 #include "haptic/error.h"
+#include "haptic/pose.h"
 
 enum { FIELDS = 9 };
-static const char *const field_name[FIELDS] = {"time", "x", "y", "z", "qw", "qx", "qy", "qz", "button"};
+static const char *const field_name[FIELDS] = {"time", "x",  "y",  "z",     "qw",
+                                               "qx",   "qy", "qz", "button"};
 static const char header[] = "time,x,y,z,qw,qx,qy,qz,button";
 /// A day at 1 kHz is 10 GB of text; a file beyond this is a mistake, not a trajectory.
 static const int64_t size_max = INT64_C(1) << 30;
@@ -41,8 +43,8 @@ static const char *quoted(const char *from, const char *to, char out[48]) {
 static pal_status fail_at(const cursor *c, const char *at, pal_error *error, const char *key,
                           const char *from, const char *to, const char *allowed) {
     char found[48];
-    return pal_fail(error, PALPATE_ERROR_SCENE, "%s:%lld:%lld: %s: found '%s', allowed: %s", c->name,
-                    (long long)c->line, (long long)(at - c->line_begin) + 1, key,
+    return pal_fail(error, PALPATE_ERROR_SCENE, "%s:%lld:%lld: %s: found '%s', allowed: %s",
+                    c->name, (long long)c->line, (long long)(at - c->line_begin) + 1, key,
                     quoted(from, to, found), allowed);
 }
 
@@ -86,7 +88,8 @@ static int parse_number(const cursor *c, const char *from, const char *to, doubl
     }
     for (size_t i = 0; i < n; i++) {
         char ch = from[i];
-        if (!((ch >= '0' && ch <= '9') || ch == '+' || ch == '-' || ch == '.' || ch == 'e' || ch == 'E')) {
+        if (!((ch >= '0' && ch <= '9') || ch == '+' || ch == '-' || ch == '.' || ch == 'e' ||
+              ch == 'E')) {
             return 0;
         }
     }
@@ -99,8 +102,8 @@ static int parse_number(const cursor *c, const char *from, const char *to, doubl
 
 static pal_status parse_header(cursor *c, pal_error *error) {
     if (!next_line(c)) {
-        return pal_fail(error, PALPATE_ERROR_SCENE, "%s:1:1: header: found an empty file, allowed: '%s'",
-                        c->name, header);
+        return pal_fail(error, PALPATE_ERROR_SCENE,
+                        "%s:1:1: header: found an empty file, allowed: '%s'", c->name, header);
     }
     const char *p = c->line_begin;
     if (c->line_end - p >= 3 && memcmp(p, "\xEF\xBB\xBF", 3) == 0) { // byte order mark
@@ -112,7 +115,8 @@ static pal_status parse_header(cursor *c, pal_error *error) {
         trim(&from, &to);
         size_t n = strlen(field_name[f]);
         int last = f == FIELDS - 1;
-        if ((size_t)(to - from) != n || memcmp(from, field_name[f], n) != 0 || (comma == NULL) != last) {
+        if ((size_t)(to - from) != n || memcmp(from, field_name[f], n) != 0 ||
+            (comma == NULL) != last) {
             return fail_at(c, from, error, "header", c->line_begin, c->line_end, header);
         }
         p = comma != NULL ? comma + 1 : c->line_end;
@@ -149,7 +153,8 @@ static pal_status parse_sample(const cursor *c, const pal_sample *before, pal_sa
     }
     for (int f = 1; f <= 3; f++) {
         if (fabs(v[f]) > 1e6) {
-            return fail_at(c, at[f], error, field_name[f], at[f], at[f + 1] - 1, "metres within 1e6");
+            return fail_at(c, at[f], error, field_name[f], at[f], at[f + 1] - 1,
+                           "metres within 1e6");
         }
     }
     double norm = sqrt(v[4] * v[4] + v[5] * v[5] + v[6] * v[6] + v[7] * v[7]);
@@ -158,7 +163,8 @@ static pal_status parse_sample(const cursor *c, const pal_sample *before, pal_sa
                        "a unit quaternion, w first (length within 1e-3 of 1)");
     }
     if (v[8] < 0.0 || v[8] > 4294967295.0 || v[8] != floor(v[8])) {
-        return fail_at(c, at[8], error, "button", at[8], c->line_end, "a whole number, 0..4294967295");
+        return fail_at(c, at[8], error, "button", at[8], c->line_end,
+                       "a whole number, 0..4294967295");
     }
     out->time = v[0];
     memcpy(out->position, v + 1, sizeof out->position);
@@ -177,8 +183,8 @@ static pal_status parse_all(cursor *c, pal_trajectory *out, pal_error *error) {
             capacity = capacity == 0 ? 256 : 2 * capacity;
             pal_sample *more = realloc(out->sample, (size_t)capacity * sizeof *more);
             if (more == NULL) {
-                return pal_fail(error, PALPATE_ERROR_MEMORY, "%s: no memory for %lld samples", c->name,
-                                (long long)capacity);
+                return pal_fail(error, PALPATE_ERROR_MEMORY, "%s: no memory for %lld samples",
+                                c->name, (long long)capacity);
             }
             out->sample = more;
         }
@@ -187,17 +193,19 @@ static pal_status parse_all(cursor *c, pal_trajectory *out, pal_error *error) {
         out->count += status == PALPATE_OK;
     }
     if (status == PALPATE_OK && out->count == 0) {
-        status = pal_fail(error, PALPATE_ERROR_SCENE,
-                          "%s:%lld:1: samples: found none after the header, allowed: one or more lines",
-                          c->name, (long long)c->line + 1);
+        status =
+            pal_fail(error, PALPATE_ERROR_SCENE,
+                     "%s:%lld:1: samples: found none after the header, allowed: one or more lines",
+                     c->name, (long long)c->line + 1);
     }
     return status;
 }
 
-pal_status pal_trajectory_parse(const char *name, const char *text, size_t size, pal_trajectory *out,
-                                pal_error *error) {
+pal_status pal_trajectory_parse(const char *name, const char *text, size_t size,
+                                pal_trajectory *out, pal_error *error) {
     memset(out, 0, sizeof *out);
-    cursor c = {.name = name, .begin = text, .end = text + size, .line_begin = text, .line_end = text};
+    cursor c = {
+        .name = name, .begin = text, .end = text + size, .line_begin = text, .line_end = text};
     c.c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
     if (c.c_locale == (locale_t)0) {
         return pal_fail(error, PALPATE_ERROR_MEMORY, "%s: no memory for the C locale", name);
@@ -230,8 +238,8 @@ static pal_status read_file(const char *path, char **text, size_t *size, pal_err
     char *buffer = malloc((size_t)st.st_size + 1);
     if (buffer == NULL) {
         close(fd);
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "trajectory '%s': no memory for %lld bytes", path,
-                        (long long)st.st_size);
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "trajectory '%s': no memory for %lld bytes",
+                        path, (long long)st.st_size);
     }
     size_t have = 0;
     while (have < (size_t)st.st_size) {
@@ -273,27 +281,6 @@ void pal_trajectory_clear(pal_trajectory *trajectory) {
     memset(trajectory, 0, sizeof *trajectory);
 }
 
-void pal_slerp(const double a[4], const double b[4], double s, double out[4]) {
-    double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
-    double sign = dot < 0.0 ? -1.0 : 1.0; // q and -q are the same rotation: take the nearer
-    dot *= sign;
-    double wa = 1.0 - s, wb = s;
-    if (dot < 1.0 - 1e-9) { // below, the sines cancel: linear is exact to 1e-9
-        double angle = acos(dot), inverse = 1.0 / sin(angle);
-        wa = sin((1.0 - s) * angle) * inverse;
-        wb = sin(s * angle) * inverse;
-    }
-    double q[4], norm = 0.0;
-    for (int k = 0; k < 4; k++) {
-        q[k] = wa * a[k] + sign * wb * b[k];
-        norm += q[k] * q[k];
-    }
-    norm = 1.0 / sqrt(norm);
-    for (int k = 0; k < 4; k++) {
-        out[k] = q[k] * norm;
-    }
-}
-
 void pal_trajectory_at(const pal_trajectory *trajectory, double time, pal_tool_state *state) {
     const pal_sample *s = trajectory->sample;
     int64_t low = 0, high = trajectory->count; // last sample with s[low].time <= time, if any
@@ -316,7 +303,7 @@ void pal_trajectory_at(const pal_trajectory *trajectory, double time, pal_tool_s
     for (int k = 0; k < 3; k++) {
         state->position[k] = (1.0 - w) * s[low].position[k] + w * s[low + 1].position[k];
     }
-    pal_slerp(s[low].orientation, s[low + 1].orientation, w, state->orientation);
+    pal_quat_slerp(s[low].orientation, s[low + 1].orientation, w, state->orientation);
 }
 
 pal_status pal_trajectory_write(const pal_trajectory *trajectory, FILE *file, pal_error *error) {
@@ -336,7 +323,8 @@ pal_status pal_trajectory_write(const pal_trajectory *trajectory, FILE *file, pa
     uselocale(old);
     freelocale(c_locale);
     if (ferror(file) || fflush(file) != 0) {
-        return pal_fail(error, PALPATE_ERROR_IO, "trajectory: cannot be written: %s", strerror(errno));
+        return pal_fail(error, PALPATE_ERROR_IO, "trajectory: cannot be written: %s",
+                        strerror(errno));
     }
     return PALPATE_OK;
 }

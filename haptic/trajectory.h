@@ -28,7 +28,8 @@ typedef struct pal_trajectory {
 } pal_trajectory;
 
 /// Read a CSV file.
-/// @return PALPATE_OK; _IO (cannot be read), _SCENE with "file:line:column: field: found ..., allowed
+/// @return PALPATE_OK; _IO (cannot be read), _SCENE with "file:line:column: field: found ...,
+/// allowed
 /// ...", _MEMORY. Nothing is allocated on failure.
 PALPATE_API pal_status pal_trajectory_load(const char *path, pal_trajectory *out, pal_error *error);
 
@@ -40,9 +41,6 @@ PALPATE_API void pal_trajectory_clear(pal_trajectory *trajectory);
 /// Pose at `time` [s]. Cost: O(log count), no allocation. Thread: any.
 PALPATE_API void pal_trajectory_at(const pal_trajectory *trajectory, double time,
                                    pal_tool_state *state);
-
-/// Spherical interpolation of unit quaternions on the shorter arc, s in 0..1; out may alias.
-PALPATE_API void pal_slerp(const double a[4], const double b[4], double s, double out[4]);
 
 /// Write header and samples (positions to 0.01 um, times to 1 us). @return _OK, _IO
 PALPATE_API pal_status pal_trajectory_write(const pal_trajectory *trajectory, FILE *file,

@@ -15,11 +15,19 @@
 #include <palpate/session.h>
 
 static pal_tool_def make_tool(pal_device_kind kind) {
-    pal_tool_def t = {.name = "probe", .shape = PALPATE_SHAPE_SPHERE, .radius = 0.004, .has_start = 1,
-                      .start = {0.01, 0.02, 0.054}, .axis = {0, 0, -1}};
+    pal_tool_def t = {.name = "probe",
+                      .shape = PALPATE_SHAPE_SPHERE,
+                      .radius = 0.004,
+                      .has_start = 1,
+                      .start = {0.01, 0.02, 0.054},
+                      .axis = {0, 0, -1}};
     t.device.kind = kind;
-    t.device.stroke = (pal_stroke){.kind = PALPATE_STROKE_PRESS, .depth = 0.005, .ramp = 1, .period = 2,
-                                   .amplitude = 0.01, .direction = {1, 0, 0}};
+    t.device.stroke = (pal_stroke){.kind = PALPATE_STROKE_PRESS,
+                                   .depth = 0.005,
+                                   .ramp = 1,
+                                   .period = 2,
+                                   .amplitude = 0.01,
+                                   .direction = {1, 0, 0}};
     return t;
 }
 
@@ -44,8 +52,10 @@ static int write_csv(void **state) {
     (void)state;
     (void)snprintf(csv_path, sizeof csv_path, "/tmp/palpate-device-XXXXXX");
     int fd = mkstemp(csv_path);
-    static const char text[] = "time,x,y,z,qw,qx,qy,qz,button\n0,0,0,0.054,1,0,0,0,0\n2,0,0,0.05,1,0,0,0,1\n";
-    return fd < 0 || write(fd, text, sizeof text - 1) != (ssize_t)(sizeof text - 1) || close(fd) != 0;
+    static const char text[] =
+        "time,x,y,z,qw,qx,qy,qz,button\n0,0,0,0.054,1,0,0,0,0\n2,0,0,0.05,1,0,0,0,1\n";
+    return fd < 0 || write(fd, text, sizeof text - 1) != (ssize_t)(sizeof text - 1) ||
+           close(fd) != 0;
 }
 
 static int remove_csv(void **state) {
@@ -122,7 +132,8 @@ static void what_cannot_be_made_is_refused(void **state) {
         t = make_tool(PALPATE_DEVICE_SCRIPTED);
         t.device.stroke.kind = PALPATE_STROKE_CIRCLE;
         pal_stroke *s = &t.device.stroke;
-        double *value[] = {&s->depth, &s->ramp, &s->ramp, &s->period, &s->amplitude, &t.axis[2],
+        double *value[] = {&s->depth,           &s->ramp,      &s->ramp,
+                           &s->period,          &s->amplitude, &t.axis[2],
                            &s->tremor_frequency};
         const double wrong[] = {NAN, -1, 0, 0, -0.1, 0, INFINITY};
         *value[i] = wrong[i];
@@ -162,7 +173,8 @@ static void strokes_are_what_they_say(void **state) {
     t.device.stroke.kind = PALPATE_STROKE_SLIDE; // 10 mm to either side, period 2 s
     t.device.stroke.direction[2] = 5.0;          // the part along the axis is taken out
     d = make(&t);
-    assert_true(fabs(at(&d, 3.5).position[0] - 0.02) < eps);  // a quarter period after the second ramp
+    assert_true(fabs(at(&d, 3.5).position[0] - 0.02) <
+                eps); // a quarter period after the second ramp
     assert_true(fabs(at(&d, 4.5).position[0] - 0.0) < eps);
     assert_true(fabs(at(&d, 3.5).position[2] - 0.049) < eps); // depth kept
     d.close(d.self);
@@ -188,7 +200,8 @@ static void strokes_are_what_they_say(void **state) {
 /// Any axis: the tool's own axis (local -z) points along it and the press goes along it.
 static void strokes_follow_the_axis(void **state) {
     (void)state;
-    static const double axes[][3] = {{0, 0, -1}, {0, 0, 1}, {1, 0, 0}, {-3, 2, 0.5}, {0, -1e-3, 1e-3}};
+    static const double axes[][3] = {
+        {0, 0, -1}, {0, 0, 1}, {1, 0, 0}, {-3, 2, 0.5}, {0, -1e-3, 1e-3}};
     for (size_t i = 0; i < sizeof axes / sizeof *axes; i++) {
         pal_tool_def t = make_tool(PALPATE_DEVICE_SCRIPTED);
         memcpy(t.axis, axes[i], sizeof t.axis);
@@ -229,7 +242,8 @@ static void tremor_is_physiological(void **state) {
     for (int bin = 1; bin < N / 2; bin++) {
         double re = 0, im = 0;
         for (int i = 0; i < N; i++) {
-            double w = 0.5 - 0.5 * cos(2 * acos(-1.0) * i / N); // Hann: no leakage from 8.7 to below 8
+            double w =
+                0.5 - 0.5 * cos(2 * acos(-1.0) * i / N); // Hann: no leakage from 8.7 to below 8
             re += w * x[i] * cos(2 * acos(-1.0) * ((double)bin * i / N));
             im += w * x[i] * sin(2 * acos(-1.0) * ((double)bin * i / N));
         }
@@ -279,7 +293,8 @@ static void host_poses_are_whole_and_newest(void **state) {
         torn += p.position[0] > 0 && (double)p.buttons != p.position[0];
         backwards += p.position[0] < last;
         last = p.position[0];
-        pal_tool_force out = {.force = {(double)tick}, .torque = {0, 0, (double)tick}, .depth = (double)tick};
+        pal_tool_force out = {
+            .force = {(double)tick}, .torque = {0, 0, (double)tick}, .depth = (double)tick};
         assert_int_equal(d.write(d.self, 0, &out), PALPATE_OK);
     }
     pthread_join(thread, NULL);

@@ -96,7 +96,8 @@ static void bucket_borders_hold(void **state) {
             pal_histogram h = {0};
             assert_int_equal(pal_histogram_init(&h), PALPATE_OK);
             pal_histogram_add(&h, v);
-            pal_histogram_add(&h, INT64_C(1) << 42); // so that the clamp to max does not hide the bucket
+            pal_histogram_add(&h, INT64_C(1)
+                                      << 42); // so that the clamp to max does not hide the bucket
             int64_t got = pal_histogram_quantile(&h, 0.5);
             if (v < (INT64_C(1) << 40) - (INT64_C(1) << 28)) {
                 assert_true(got >= v && got - v <= v / 4096);

@@ -12,6 +12,7 @@
 
 #include <cmocka.h>
 
+#include "haptic/pose.h"
 #include "haptic/stroke.h"
 #include "haptic/trajectory.h"
 
@@ -27,7 +28,8 @@ static void good_files_are_read(void **state) {
     static const char *const good[] = {
         HEAD "0,0.1,-2e-3,+3,1,0,0,0,0\n1,0.1,0.2,0.3,1,0,0,0,5\n",
         HEAD "0,0.1,-2e-3,+3,1,0,0,0,0\n1,0.1,0.2,0.3,1,0,0,0,5", // no newline at the end
-        "time, x ,y,\tz,qw,qx,qy,qz,button\r\n0,0.1,-2e-3, 3 ,1,0,0,0,0\r\n1,0.1,0.2,0.3,1,0,0,0,5\r\n",
+        "time, x ,y,\tz,qw,qx,qy,qz,button\r\n0,0.1,-2e-3, 3 "
+        ",1,0,0,0,0\r\n1,0.1,0.2,0.3,1,0,0,0,5\r\n",
         "# comment\n\n" HEAD "#x\n0,0.1,-2e-3,3,1,0,0,0,0\n   \n1,0.1,0.2,0.3,1,0,0,0,5\n\n",
         "\xEF\xBB\xBF" HEAD "0,0.1,-.002,3.,1,0,0,0,0\n1,0.1,0.2,0.3,1,0,0,0,5\n",
     };
@@ -84,7 +86,8 @@ static void bad_files_are_refused_with_the_place(void **state) {
         assert_int_equal(parse(bad[i].text, &t, &e), PALPATE_ERROR_SCENE);
         if (strncmp(e.message, bad[i].place, strlen(bad[i].place)) != 0 ||
             strstr(e.message, bad[i].word) == NULL) {
-            fail_msg("case %zu: wanted '%s ... %s', got '%s'", i, bad[i].place, bad[i].word, e.message);
+            fail_msg("case %zu: wanted '%s ... %s', got '%s'", i, bad[i].place, bad[i].word,
+                     e.message);
         }
         assert_null(t.sample);
     }
@@ -95,7 +98,8 @@ static void a_nul_byte_is_not_the_end(void **state) {
     static const char text[] = HEAD "0,0,0,0,1,0,0,0,0\n1,0\0,0,0,1,0,0,0,0\n";
     pal_trajectory t;
     pal_error e = {0};
-    assert_int_equal(pal_trajectory_parse("t.csv", text, sizeof text - 1, &t, &e), PALPATE_ERROR_SCENE);
+    assert_int_equal(pal_trajectory_parse("t.csv", text, sizeof text - 1, &t, &e),
+                     PALPATE_ERROR_SCENE);
     assert_non_null(strstr(e.message, "t.csv:3:3: x:"));
 }
 
@@ -133,21 +137,23 @@ static void positions_are_linear_and_ends_hold(void **state) {
     (void)state;
     pal_trajectory t;
     pal_error e;
-    assert_int_equal(parse(HEAD "1,0,0,0,1,0,0,0,3\n2,1,-2,4,1,0,0,0,7\n4,1,0,0,1,0,0,0,0\n", &t, &e),
-                     PALPATE_OK);
+    assert_int_equal(
+        parse(HEAD "1,0,0,0,1,0,0,0,3\n2,1,-2,4,1,0,0,0,7\n4,1,0,0,1,0,0,0,0\n", &t, &e),
+        PALPATE_OK);
     static const struct {
         double time, x, y, z;
         uint32_t buttons;
     } want[] = {
-        {-5, 0, 0, 0, 3},       {1, 0, 0, 0, 3},   {1.25, 0.25, -0.5, 1, 3}, {1.75, 0.75, -1.5, 3, 3},
-        {2, 1, -2, 4, 7},       {3, 1, -1, 2, 7},  {3.5, 1, -0.5, 1, 7},     {4, 1, 0, 0, 0},
-        {1e9, 1, 0, 0, 0},
+        {-5, 0, 0, 0, 3},         {1, 0, 0, 0, 3},  {1.25, 0.25, -0.5, 1, 3},
+        {1.75, 0.75, -1.5, 3, 3}, {2, 1, -2, 4, 7}, {3, 1, -1, 2, 7},
+        {3.5, 1, -0.5, 1, 7},     {4, 1, 0, 0, 0},  {1e9, 1, 0, 0, 0},
     };
     for (size_t i = 0; i < sizeof want / sizeof *want; i++) {
         pal_tool_state s;
         pal_trajectory_at(&t, want[i].time, &s);
         // values are small dyadic numbers: exact
-        assert_true(s.position[0] == want[i].x && s.position[1] == want[i].y && s.position[2] == want[i].z);
+        assert_true(s.position[0] == want[i].x && s.position[1] == want[i].y &&
+                    s.position[2] == want[i].z);
         assert_int_equal(s.buttons, want[i].buttons);
     }
     pal_trajectory_clear(&t);
@@ -160,7 +166,7 @@ static void orientation_turns_at_constant_rate_by_the_shorter_arc(void **state) 
     const double from[4] = {1, 0, 0, 0}, to[4] = {-cos(a / 2), 0, 0, -sin(a / 2)};
     for (int i = 0; i <= 20; i++) {
         double s = i / 20.0, q[4];
-        pal_slerp(from, to, s, q);
+        pal_quat_slerp(from, to, s, q);
         // rounding of a few operations on unit numbers
         assert_true(fabs(q[0] - cos(s * a / 2)) < 1e-15 && fabs(q[3] - sin(s * a / 2)) < 1e-15);
         assert_true(q[1] == 0 && q[2] == 0);
@@ -168,7 +174,7 @@ static void orientation_turns_at_constant_rate_by_the_shorter_arc(void **state) 
     // nearly equal: the sines cancel, the result must stay unit and between
     const double b = 1e-7, near[4] = {cos(b), sin(b), 0, 0};
     double q[4];
-    pal_slerp(from, near, 0.5, q);
+    pal_quat_slerp(from, near, 0.5, q);
     assert_true(fabs(q[1] - b / 2) < 1e-20 && fabs(q[0] - 1.0) < 1e-14);
     // a quarter turn through the file
     pal_trajectory t;
@@ -184,8 +190,12 @@ static void orientation_turns_at_constant_rate_by_the_shorter_arc(void **state) 
 
 static void writing_and_reading_gives_the_same_motion(void **state) {
     (void)state;
-    const pal_stroke stroke = {.kind = PALPATE_STROKE_PALPATION, .depth = 0.004, .ramp = 0.5,
-                               .period = 1.1, .tremor_amplitude = 2e-4, .tremor_frequency = 10};
+    const pal_stroke stroke = {.kind = PALPATE_STROKE_PALPATION,
+                               .depth = 0.004,
+                               .ramp = 0.5,
+                               .period = 1.1,
+                               .tremor_amplitude = 2e-4,
+                               .tremor_frequency = 10};
     const double start[3] = {0.01, -0.02, 0.05}, axis[3] = {0.6, 0, -0.8};
     pal_stroke_path path;
     pal_trajectory t, back;
