@@ -64,48 +64,93 @@ pal_status pal_rule_refine(pal_reading *r, const pal_value *value, void *object)
     return PALPATE_OK;
 }
 
-pal_status pal_rule_method(pal_reading *r, const pal_value *value, void *object) {
-    static const char *const names[] = {"point", "cell", "galerkin"};
-    struct pal_scene *scene = object;
-    pal_method *method = &scene->method;
+static const char *const METHOD_NAMES[] = {"kind: point", "kind: cell with form: symmetric",
+                                           "kind: galerkin", "kind: cell with form: collocated"};
+
+/// An option that the method does not have is an error: it would do nothing.
+static pal_status rule_options(pal_reading *r, const pal_value *value, int which) {
     const pal_scene_key *keys;
     int count = pal_scene_schema(&keys);
     for (int i = 0; i < count; i++) {
         int methods = keys[i].binding->methods;
-        if (methods == 0 || (methods >> method->kind & 1) != 0) {
+        if (methods == 0 || (methods >> which & 1) != 0) {
             continue;
         }
         const char *name = strrchr(keys[i].path, '.') + 1;
-        if (!pal_value_is_null(pal_value_get(value, name))) {
-            char found[100];
-            char allowed[100] = "";
-            (void)snprintf(found, sizeof found, "an option that method %s does not have",
-                           names[method->kind]);
-            for (int k = 0; k < 3; k++) {
-                size_t n = strlen(allowed);
-                if ((methods >> k & 1) != 0) {
-                    (void)snprintf(allowed + n, sizeof allowed - n, "%s%s",
-                                   n > 0 ? " and " : "with ", names[k]);
-                }
-            }
-            return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_key(value, name), name, found,
-                                    allowed, "remove it, or change method.kind");
+        if (pal_value_is_null(pal_value_get(value, name))) {
+            continue;
         }
+        char found[100];
+        char allowed[160] = "";
+        (void)snprintf(found, sizeof found, "an option that %s does not have", METHOD_NAMES[which]);
+        int any_cell =
+            (methods >> PALPATE_METHOD_CELL & 1) != 0; // then form: collocated has it too
+        for (int k = 0; k < (any_cell ? 3 : 4); k++) {
+            size_t n = strlen(allowed);
+            if ((methods >> k & 1) != 0) {
+                (void)snprintf(allowed + n, sizeof allowed - n, "%s%s", n > 0 ? ", or " : "with ",
+                               k == PALPATE_METHOD_CELL ? "kind: cell" : METHOD_NAMES[k]);
+            }
+        }
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_key(value, name), name, found,
+                                allowed, "remove it, or change the method");
     }
+    return PALPATE_OK;
+}
+
+static pal_status rule_stabilization(pal_reading *r, const pal_value *value,
+                                     const pal_method *method) {
+    int galerkin = method->kind == PALPATE_METHOD_GALERKIN;
+    pal_volumetric with = galerkin ? PALPATE_VOLUMETRIC_MIXED : PALPATE_VOLUMETRIC_NODAL;
+    if (method->volumetric != with) {
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_key(value, "stabilization"),
+                                "stabilization", "a factor of nothing",
+                                galerkin ? "with volumetric: mixed" : "with volumetric: nodal",
+                                "remove it");
+    }
+    if (!galerkin && method->stabilization > 1.0) {
+        char found[40];
+        (void)snprintf(found, sizeof found, "%g", method->stabilization);
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_get(value, "stabilization"),
+                                "stabilization", found, "0 to 1 for kind: cell",
+                                "it is the part of the plain term that is blended in");
+    }
+    return PALPATE_OK;
+}
+
+pal_status pal_rule_method(pal_reading *r, const pal_value *value, void *object) {
+    struct pal_scene *scene = object;
+    pal_method *method = &scene->method;
     int point = method->kind == PALPATE_METHOD_POINT;
+    int galerkin = method->kind == PALPATE_METHOD_GALERKIN;
+    int collocated = method->kind == PALPATE_METHOD_CELL && method->form == PALPATE_CELL_COLLOCATED;
+    int which = collocated ? PALPATE_METHOD_COLLOCATED : (int)method->kind;
+    pal_status status = rule_options(r, value, which);
+    if (status != PALPATE_OK) {
+        return status;
+    }
     if (pal_value_is_null(pal_value_get(value, "basis"))) {
         method->basis = point ? PALPATE_BASIS_QUADRATIC : PALPATE_BASIS_LINEAR;
     }
-    if (pal_value_is_null(pal_value_get(value, "volumetric"))) {
-        method->volumetric = point                                        ? PALPATE_VOLUMETRIC_PLAIN
-                             : method->kind == PALPATE_METHOD_CELL ? PALPATE_VOLUMETRIC_NODAL
-                                                                   : PALPATE_VOLUMETRIC_MIXED;
+    const pal_value *volumetric = pal_value_get(value, "volumetric");
+    if (pal_value_is_null(volumetric)) {
+        method->volumetric = point      ? PALPATE_VOLUMETRIC_PLAIN
+                             : galerkin ? PALPATE_VOLUMETRIC_MIXED
+                                        : PALPATE_VOLUMETRIC_NODAL;
+    } else if (method->volumetric == PALPATE_VOLUMETRIC_MIXED && !galerkin) {
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, volumetric, "volumetric", "mixed",
+                                "plain or nodal for kind: cell", "use nodal, or kind: galerkin");
     }
     if (pal_value_is_null(pal_value_get(value, "stabilization"))) {
         method->stabilization = -1.0;
+    } else if ((status = rule_stabilization(r, value, method)) != PALPATE_OK) {
+        return status;
     }
     if (!point) {
         method->fictitious = 0;
+    }
+    if (!point && !collocated) {
+        method->exponent = 0;
     }
     return PALPATE_OK;
 }

@@ -63,6 +63,7 @@
 #define POINT (1 << PALPATE_METHOD_POINT)
 #define CELL (1 << PALPATE_METHOD_CELL)
 #define GALERKIN (1 << PALPATE_METHOD_GALERKIN)
+#define COLLOCATED (1 << PALPATE_METHOD_COLLOCATED)
 
 /// The selector keys below `path`; `enter` is .enter_patch = 1 for those of a patch.
 #define SELECTOR_KEYS(path, enter)                                                                 \
@@ -213,30 +214,31 @@ static const pal_scene_key KEYS[] = {
     CHOICE("method.kind", "point | cell | galerkin", "cell",
            "point collocation (paper 1), cell collocation, or Galerkin", struct pal_scene,
            method.kind),
-    CHOICE("method.basis", "linear | quadratic | cubic",
-           "(linear for cell and galerkin, quadratic for point)", "monomials of the MLS fit",
-           struct pal_scene, method.basis, .first = 1),
-    CHOICE("method.derivatives", "full | diffuse", "full", "derivatives of the MLS shape functions",
-           struct pal_scene, method.derivatives, METHODS(POINT | GALERKIN)),
-    INTEGER("method.neighbours", WITHIN(4, 400), "(the method's own)", "nodes per stencil",
-            struct pal_scene, method.neighbours),
-    INTEGER("method.exponent", WITHIN(1, 8), "(the method's own)", "p of the singular weight s^-2p",
-            struct pal_scene, method.exponent),
-    {"method.fictitious", "switch", "", "true | false", "true",
-     "fictitious nodes outside each traction node, PDE on the boundary (point)",
-     BIND(.kind = PALPATE_KEY_SWITCH, AT(struct pal_scene, method.fictitious), METHODS(POINT))},
-    CHOICE("method.volumetric", "plain | nodal | mixed",
-           "(nodal for cell, mixed for galerkin)",
-           "volumetric part: at the point, averaged at nodes, or with pressures", struct pal_scene,
-           method.volumetric, METHODS(CELL | GALERKIN)),
     CHOICE("method.form", "symmetric | collocated", "symmetric",
            "cell balance from averaged strains (positive by construction), or from MLS gradients",
-           struct pal_scene, method.form, METHODS(CELL)),
-    NUMBER("method.stabilization", "-", NOT_NEGATIVE, "(the method's own)",
-           "factor of the method's stabilizing term", struct pal_scene, method.stabilization,
-           METHODS(CELL | GALERKIN)),
+           struct pal_scene, method.form, METHODS(CELL | COLLOCATED)),
+    CHOICE("method.basis", "linear | quadratic | cubic",
+           "(quadratic for point, linear for form: collocated)", "monomials of the MLS fit",
+           struct pal_scene, method.basis, .first = 1, METHODS(POINT | COLLOCATED)),
+    CHOICE("method.derivatives", "full | diffuse", "full", "derivatives of the MLS shape functions",
+           struct pal_scene, method.derivatives, METHODS(POINT)),
+    INTEGER("method.neighbours", WITHIN(4, 400), "(by the basis)", "nodes per stencil",
+            struct pal_scene, method.neighbours, METHODS(POINT | COLLOCATED)),
+    INTEGER("method.exponent", WITHIN(1, 8), "2", "p of the singular weight s^-2p",
+            struct pal_scene, method.exponent, METHODS(POINT | COLLOCATED)),
+    {"method.fictitious", "switch", "", "true | false", "true",
+     "fictitious nodes outside each traction node, PDE on the boundary",
+     BIND(.kind = PALPATE_KEY_SWITCH, AT(struct pal_scene, method.fictitious), METHODS(POINT))},
+    CHOICE("method.volumetric", "plain | nodal | mixed", "(nodal for cell, mixed for galerkin)",
+           "volumetric part: at the point, averaged at nodes, or with pressures (galerkin only)",
+           struct pal_scene, method.volumetric, METHODS(CELL | COLLOCATED | GALERKIN)),
+    NUMBER("method.stabilization", "-", WITHIN(0, 1e6), "(0 for cell, 1 for galerkin)",
+           "cell, nodal: part of the plain term blended in, 0 to 1; galerkin, mixed: factor of the "
+           "pressure's stabilization",
+           struct pal_scene, method.stabilization, METHODS(CELL | COLLOCATED | GALERKIN)),
     INTEGER("method.integration", WITHIN(1, 64), "(the method's own)",
-            "integration points per cell", struct pal_scene, method.integration, METHODS(GALERKIN)),
+            "integration points per cell", struct pal_scene, method.integration, METHODS(GALERKIN),
+            FLAGS(PALPATE_KEY_NOT_BUILT)),
 
     // ---- model
     CHOICE("repair", "none | symmetrize | positive", "symmetrize",

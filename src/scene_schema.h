@@ -38,6 +38,9 @@ enum {
     PALPATE_KEY_NOT_BUILT_UNLESS_0 = 128 ///< refused when not 0
 };
 
+/// What options depend on: the method's kind, and a cell method with form: collocated.
+enum { PALPATE_METHOD_COLLOCATED = 3 };
+
 struct pal_reading;
 
 /// Check (or complete) an object after all its keys were read. `value` is NULL when the mapping was
@@ -62,7 +65,7 @@ typedef struct pal_key_binding {
     size_t place_offset; ///< of a pal_place in the object
     int has_place;
     int enter_patch;    ///< object of this key is the patch's own selector
-    int methods;        ///< option of these method kinds (bits 1 << kind); 0: of all
+    int methods;        ///< option of these methods (bits 1 << kind or COLLOCATED); 0: of all
     const char *remedy; ///< what to do about a bad value
     pal_key_check check;
 } pal_key_binding;

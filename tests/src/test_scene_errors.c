@@ -115,8 +115,8 @@ static const bad CASES[] = {
      "allowed"},
     {9, "method: {kind: point, fictitious: 2}",
      "9:35: method.fictitious: found 2; allowed: true | false", "true"},
-    {9, "method: {neighbours: 24.5}",
-     "9:22: method.neighbours: found 24.5; allowed: a whole number, 4 to 400", "whole"},
+    {9, "method: {kind: point, neighbours: 24.5}",
+     "9:35: method.neighbours: found 24.5; allowed: a whole number, 4 to 400", "whole"},
 
     // values
     {4, "  spacing: 0", "4:12: body.spacing: found 0; allowed: a number in m, more than 0",
@@ -192,9 +192,23 @@ static const bad CASES[] = {
      "add"},
     {8, "  grading: 0", "8:12: body.grading: found 0", "more than 0, up to 2"},
     {9, "method: {kind: cell, fictitious: true}",
-     "9:22: method.fictitious: found an option that method cell", "with point"},
+     "9:22: method.fictitious: found an option that kind: cell", "with kind: point"},
     {9, "method: {kind: point, volumetric: nodal}",
-     "9:23: method.volumetric: found an option that method point", "with cell and galerkin"},
+     "9:23: method.volumetric: found an option that kind: point", "kind: galerkin"},
+    {9, "method: {basis: quadratic}",
+     "9:10: method.basis: found an option that kind: cell with form: symmetric does not have",
+     "with kind: point, or kind: cell with form: collocated"},
+    {9, "method: {volumetric: mixed}",
+     "9:22: method.volumetric: found mixed; allowed: plain or nodal",
+     "use nodal, or kind: galerkin"},
+    {9, "method: {stabilization: 2}",
+     "9:25: method.stabilization: found 2; allowed: 0 to 1 for kind: cell", "blended in"},
+    {9, "method: {stabilization: 0.1, volumetric: plain}",
+     "9:10: method.stabilization: found a factor of nothing; allowed: with volumetric: nodal",
+     "remove"},
+    {9, "method: {kind: galerkin, stabilization: 1, volumetric: nodal}",
+     "9:26: method.stabilization: found a factor of nothing; allowed: with volumetric: mixed",
+     "remove"},
     {10, "store: {tolerance: 0.6}",
      "10:20: store.tolerance: found 0.6; allowed: a number, 0 to 0.5", "0.5"},
     {10, "store: {displacement: some}",
@@ -234,6 +248,8 @@ static const bad NOT_BUILT[] = {
      "not built yet"},
     {11, "tools: [{coupling: {stiffness: 500, damping: 1}}]",
      "11:20: tools[0].coupling: found a mapping", "not built yet"},
+    {9, "method: {kind: galerkin, integration: 4}", "9:39: method.integration: found 4",
+     "not built yet"},
     {12, "repair: positive", "12:9: repair: found positive; allowed: none | symmetrize",
      "not built yet"},
     {10, "store: {tolerance: 0.01}", "10:20: store.tolerance: found 0.01; allowed: 0",
@@ -330,9 +346,9 @@ static void bad_overrides_name_themselves(void **state) {
          "--set tools.probe.friction=0.2: tools[0].friction: found 0.2",
          "not built yet"},
         {{"method.kind=point", "method.volumetric=nodal"},
-         "--set method.volumetric=nodal: method.volumetric: found an option that method point does "
+         "--set method.volumetric=nodal: method.volumetric: found an option that kind: point does "
          "not have",
-         "change method.kind"},
+         "change the method"},
         {{"body.geometry.sphere.radius=1"}, "", "body.geometry: found hemisphere and sphere"},
         {{"body.geometry={file: here.obj}"},
          "--set body.geometry={file: here.obj}: body.geometry.file: found",
@@ -367,8 +383,8 @@ static void options_of_another_kind_are_an_error(void **state) {
     const char *set[] = {"method.kind=point", NULL};
     assert_int_equal(test_scene_load(text, set, &scene, &error), PALPATE_ERROR_SCENE);
     assert_non_null(strstr(error.message,
-                           "scene.yaml:9:22: method.volumetric: found an option that method "
-                           "point does not have; allowed: with cell and galerkin"));
+                           "scene.yaml:9:22: method.volumetric: found an option that kind: "
+                           "point does not have; allowed: with kind: cell, or kind: galerkin"));
     const char *both[] = {"method={kind: point}", NULL};
     assert_int_equal(test_scene_load(text, both, &scene, &error), PALPATE_OK);
     pal_scene_free(scene);
