@@ -104,7 +104,7 @@ pal_status pal_discretize(const pal_cloud *cloud, const uint8_t *fixed, double p
     case PALPATE_METHOD_CELL:
         return pal_method_cell(cloud, fixed, poisson, method, progress, out, error);
     case PALPATE_METHOD_GALERKIN:
-        return pal_fail(error, PALPATE_ERROR_UNSUPPORTED, "discretization: galerkin is not built yet");
+        return pal_method_galerkin(cloud, fixed, poisson, method, progress, out, error);
     }
     return pal_fail(error, PALPATE_ERROR_ARGUMENT, "discretization: no method has number %d",
                     (int)method->kind);

@@ -27,8 +27,9 @@ static void every_kind_reaches_its_method(void **state) {
         fixed[i] = cloud.position[3 * i + 2] == 0.0;
     }
     pal_error e = {0};
-    static const pal_method_kind kinds[2] = {PALPATE_METHOD_POINT, PALPATE_METHOD_CELL};
-    for (int k = 0; k < 2; k++) {
+    static const pal_method_kind kinds[3] = {PALPATE_METHOD_POINT, PALPATE_METHOD_CELL,
+                                              PALPATE_METHOD_GALERKIN};
+    for (int k = 0; k < 3; k++) {
         pal_method m = {.kind = kinds[k], .stabilization = -1.0};
         pal_system s;
         assert_int_equal(pal_discretize(&cloud, fixed, 0.3, &m, NULL, &s, &e), PALPATE_OK);
