@@ -95,7 +95,7 @@ pal_status pal_discretize(const pal_cloud *cloud, const uint8_t *fixed, double p
     if (!(poisson > -1.0 && poisson < 0.5)) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
                         "discretization: Poisson's ratio %g must lie between -1 and 0.5; for a nearly "
-                        "incompressible body use 0.49 to 0.4999 with method: {kind: cell}",
+                        "incompressible body use 0.49 to 0.4999 with method: {kind: galerkin}",
                         poisson);
     }
     switch (method->kind) {
