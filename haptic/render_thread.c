@@ -56,4 +56,7 @@ void pal_render_run(pal_render *render) {
         }
     }
     take(render);
+    if (render->call != NULL) {
+        render->call(render->user, NULL); // the end: what belongs to this thread can be freed on it
+    }
 }

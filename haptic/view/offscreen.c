@@ -124,6 +124,11 @@ void pal_offscreen_begin(pal_offscreen *o) {
     glBindFramebuffer(GL_FRAMEBUFFER, o->multisampled);
 }
 
+void pal_offscreen_end(pal_offscreen *o) {
+    glBindFramebuffer(GL_FRAMEBUFFER, o->multisampled);
+    glFinish();
+}
+
 void pal_offscreen_read(pal_offscreen *o, uint8_t *rgba) {
     glBindFramebuffer(GL_READ_FRAMEBUFFER, o->multisampled);
     glBindFramebuffer(GL_DRAW_FRAMEBUFFER, o->resolved);

@@ -18,6 +18,8 @@ pal_status pal_offscreen_create(int width, int height, pal_offscreen **out, pal_
 void pal_offscreen_free(pal_offscreen *offscreen);
 /// Make the framebuffer the target of the next drawing.
 void pal_offscreen_begin(pal_offscreen *offscreen);
+/// Wait until the drawing is done (nothing is read back).
+void pal_offscreen_end(pal_offscreen *offscreen);
 /// Resolve and read the picture. @param[out] rgba  shape [height, width, 4], top row first
 void pal_offscreen_read(pal_offscreen *offscreen, uint8_t *rgba);
 

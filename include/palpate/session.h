@@ -96,6 +96,7 @@ typedef struct pal_session_def {
     double render_rate; ///< [Hz]; 0: no render thread
     /// Called on the render thread for each new frame; may draw, allocate, block (the servo does
     /// not notice). NULL: frames are only counted.
+    /// The last call, with NULL, says that the session ends.
     void (*render)(void *user, const pal_frame *frame);
     void *render_user;
     const char *record_path; ///< recording file (HDF5, `.h5`); NULL: none; copied at create

@@ -326,11 +326,16 @@ static void freewheel_evaluates_every_tick_and_repeats_bit_for_bit(void **state)
 
 typedef struct frame_log {
     uint64_t tick[256];
-    int count;
+    int count, ends; ///< frames; calls with NULL
 } frame_log;
 
 static void log_frame(void *user, const pal_frame *frame) {
     frame_log *log = user;
+    if (frame == NULL) {
+        log->ends++;
+        return;
+    }
+    assert_int_equal(log->ends, 0); // the end comes last
     if (log->count < 256) {
         log->tick[log->count] = frame->tick;
     }
@@ -347,6 +352,7 @@ static void freewheel_frames_come_at_the_render_rate_of_session_time(void **stat
     pal_session_report r = run(&def, &w);
     // one every 33 periods from tick 0 on, and the last tick's
     assert_int_equal(log.count, 32);
+    assert_int_equal(log.ends, 1);
     assert_int_equal(r.frames, 32);
     for (int i = 0; i < 31; i++) {
         assert_int_equal(log.tick[i], 33 * i);

@@ -1,0 +1,109 @@
+/// @file command_precompute.c  palpate precompute SCENE [-o MODEL]
+#include "haptic/program/program.h"
+
+#include <stdio.h>
+#include <string.h>
+
+typedef struct options {
+    common_options common;
+    const char *scene;
+    const char *output;
+    int rebuild;
+} options;
+
+static error_t parse(int key, char *arg, struct argp_state *state) {
+    options *o = state->input;
+    switch (key) {
+    case ARGP_KEY_INIT:
+        state->child_inputs[0] = &o->common;
+        return 0;
+    case 'o':
+        o->output = arg;
+        return 0;
+    case 'r':
+        o->rebuild = 1;
+        return 0;
+    case ARGP_KEY_ARG:
+        if (o->scene != NULL) {
+            argp_error(state, "one SCENE, please");
+        }
+        o->scene = arg;
+        return 0;
+    case ARGP_KEY_NO_ARGS:
+        argp_error(state, "which SCENE? e.g. palpate precompute scenes/hemisphere.yaml");
+        return 0;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static const struct argp_option list[] = {
+    {"output", 'o', "MODEL", 0, "Write the model file here as well (default: only the cache)", 1},
+    {"rebuild", 'r', NULL, 0, "Build even when the cache has the model", 1},
+    {0}};
+static const char doc[] =
+    "Build and certify the model of a scene.\v"
+    "The stages: node cloud (Gmsh), moving-least-squares stencils and assembly, sparse factorization, "
+    "one solve per touchable degree of freedom, certificate. The model is kept in the cache directory "
+    "($PALPATE_CACHE, else $XDG_CACHE_HOME/palpate, else ~/.cache/palpate) under a hash of all that "
+    "determines it: any change of physics rebuilds, nothing else does. A model that fails its "
+    "certificate is not written unless the scene says `certify: warn`.\n\n"
+    "Example:\n  palpate precompute scenes/hemisphere.yaml -o hemisphere.palpate "
+    "--set body.material.poisson=0.45";
+
+int command_precompute(int argc, char **argv) {
+    options o = {.common = {.command = "palpate precompute"}};
+    const struct argp_child children[] = {{&common_argp, 0, NULL, 0}, {0}};
+    const struct argp argp = {list, parse, "SCENE", doc, children, NULL, NULL};
+    (void)argp_parse(&argp, argc, argv, 0, NULL, &o);
+    pal_error error = {0};
+    source s = {0};
+    interrupt_install();
+    const offline_api *offline = offline_open(&error);
+    if (offline == NULL) {
+        return report_error(&o.common, PALPATE_ERROR_SYSTEM, &error);
+    }
+    pal_status status;
+    if (o.rebuild) {
+        status = offline->scene_load(o.scene, o.common.overrides, o.common.override_count, &s.scene,
+                                     &error);
+        char path[4096];
+        if (status == PALPATE_OK && offline->cache_path(s.scene, path, sizeof path, NULL) == PALPATE_OK) {
+            (void)remove(path);
+        }
+        source_close(&s);
+        if (status != PALPATE_OK) {
+            return report_error(&o.common, status, &error);
+        }
+    }
+    status = source_open(o.scene, &o.common, 0, &s, &error);
+    if (status == PALPATE_OK && s.scene == NULL) {
+        source_close(&s);
+        (void)snprintf(error.message, sizeof error.message,
+                       "%s is a model already; `palpate info` shows it", o.scene);
+        status = PALPATE_ERROR_ARGUMENT;
+    }
+    if (status == PALPATE_OK && o.output != NULL) {
+        status = pal_model_save(s.model, o.output, &error);
+    }
+    if (status != PALPATE_OK) {
+        source_close(&s);
+        return report_error(&o.common, status, &error);
+    }
+    source_print_warnings(&s, &o.common);
+    char cached[4096] = "";
+    (void)offline->cache_path(s.scene, cached, sizeof cached, NULL);
+    const char *path = o.output != NULL ? o.output : cached;
+    if (o.common.json) {
+        json_t *object = json_info(s.model);
+        json_object_set_new(object, "model", json_string(path));
+        json_object_set_new(object, "cached", json_boolean(s.was_cached));
+        json_object_set_new(object, "warnings", source_warnings_json(&s));
+        print_json(object);
+    } else {
+        print_info(s.model);
+        (void)printf("model          %s%s\n", path, s.was_cached ? " (was in the cache)" : "");
+    }
+    source_close(&s);
+    return 0;
+}

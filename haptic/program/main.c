@@ -1,0 +1,58 @@
+/// @file main.c  palpate COMMAND ...: dispatch.
+#include "haptic/program/program.h"
+
+#include <stdio.h>
+#include <string.h>
+
+typedef struct command {
+    const char *name;
+    int (*run)(int argc, char **argv);
+    const char *help;
+} command;
+
+static const command commands[] = {
+    {"precompute", command_precompute, "SCENE [-o MODEL]: build and certify the model of a scene"},
+    {"info", command_info, "MODEL: what is in it, its certificate, its cost"},
+    {"press", command_press, "SCENE|MODEL --patch NAME --by X,Y,Z: force of a bonded patch"},
+    {"run", command_run, "SCENE|MODEL [--for S] [--freewheel] [--record FILE] [--snapshot PNG]: feel it"},
+    {"doctor", command_doctor, "is this machine ready for real time?"},
+    {"schema", command_schema, "every key of a scene"},
+};
+enum { COMMAND_COUNT = sizeof commands / sizeof commands[0] };
+
+static void usage(FILE *out) {
+    (void)fprintf(out, "palpate %s: real-time haptics of deformable organs\n\nusage: palpate COMMAND ...\n\n",
+                  pal_version());
+    for (int i = 0; i < COMMAND_COUNT; i++) {
+        (void)fprintf(out, "  %-11s %s\n", commands[i].name, commands[i].help);
+    }
+    (void)fprintf(out,
+                  "\nEvery command takes --json, --set KEY=VALUE and --help (with an example).\n"
+                  "Start with:\n"
+                  "  palpate press scenes/hemisphere.yaml --patch pole --by 0,0,-0.005\n");
+}
+
+int main(int argc, char **argv) {
+    if (argc >= 2 && (strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0)) {
+        (void)printf("palpate %s\n", pal_version());
+        return 0;
+    }
+    if (argc >= 2 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 ||
+                      strcmp(argv[1], "help") == 0)) {
+        usage(stdout);
+        return 0;
+    }
+    for (int i = 0; argc >= 2 && i < COMMAND_COUNT; i++) {
+        if (strcmp(argv[1], commands[i].name) == 0) {
+            char name[64];
+            (void)snprintf(name, sizeof name, "palpate %s", commands[i].name);
+            argv[1] = name;
+            return commands[i].run(argc - 1, argv + 1);
+        }
+    }
+    if (argc >= 2) {
+        (void)fprintf(stderr, "palpate: no command '%s'\n\n", argv[1]);
+    }
+    usage(stderr);
+    return 2;
+}

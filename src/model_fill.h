@@ -1,0 +1,25 @@
+/// @file model_fill.h  Everything of a model but its compliance: nodes, sets, probes, skin, facts.
+#ifndef PALPATE_SRC_MODEL_FILL_H
+#define PALPATE_SRC_MODEL_FILL_H
+
+#include "haptic/model.h"
+#include "src/cloud.h"
+#include "src/compliance.h"
+#include "src/scene.h"
+#include "src/scene_check.h"
+
+/// Fill `model` (fresh from pal_model_new) from a scene, its cloud and its node sets: positions in
+/// metres, columns (touchable and patch nodes), rows (as store.displacement says), patches, probes,
+/// runtime, canonical text, facts.
+/// @param[out] probes  (scene->probe_count), interpolation weights of the probes
+/// @return PALPATE_OK; _SCENE (a probe outside the body, no touchable node and no patch: located),
+///         _STENCIL, _MEMORY
+pal_status pal_model_fill(const pal_scene *scene, const pal_cloud *cloud, const pal_node_sets *sets,
+                          pal_model *model, pal_probe_weights *probes, pal_error *error);
+
+/// Skin: weights of the surface file's vertices on the stored surface rows (barycentric on the
+/// nearest cloud triangle). Nothing to do (and no skin) without vertices or without stored rows.
+pal_status pal_model_fill_skin(const pal_skin_source *skin, const pal_cloud *cloud, pal_model *model,
+                               pal_error *error);
+
+#endif

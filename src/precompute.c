@@ -1,0 +1,212 @@
+/// @file precompute.c  The offline stage in one direction: scene -> cloud -> discretization ->
+/// factor -> compliance -> certificate -> model (design section 3).
+#include <palpate/precompute.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/utsname.h>
+#include <time.h>
+
+#include "haptic/error.h"
+#include "src/certificate.h"
+#include "src/cloud.h"
+#include "src/compliance.h"
+#include "src/factor.h"
+#include "src/memory_plan.h"
+#include "src/model_fill.h"
+#include "src/scene.h"
+#include "src/scene_check.h"
+
+static double seconds_now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static int cancelled(const pal_progress *progress, const char *stage) {
+    return progress != NULL && progress->call != NULL &&
+           progress->call(progress->user, stage, -1.0, -1.0) != 0;
+}
+
+static void describe_build(pal_model_info *info, const pal_factor_report *factor,
+                           const pal_compliance_report *compliance) {
+    struct utsname host;
+    struct rusage usage;
+    char machine[160] = "unknown host";
+    if (uname(&host) == 0) {
+        (void)snprintf(machine, sizeof machine, "%.40s %.60s %.20s", host.sysname, host.release,
+                       host.machine);
+    }
+    (void)snprintf(info->provenance, sizeof info->provenance,
+                   "palpate %s; %s; factor %.3g M entries, %.3g Gflop; refinement steps %d; compiler %s; %s",
+                   pal_version(), factor->kind, 1e-6 * (double)factor->nonzeros, 1e-9 * factor->flops,
+                   compliance->refined, __VERSION__, machine);
+    if (getrusage(RUSAGE_SELF, &usage) == 0) {
+        info->peak_bytes = 1024u * (uint64_t)usage.ru_maxrss;
+    }
+    uint64_t t = 3 * (uint64_t)info->column_count, s = 3 * (uint64_t)info->row_count;
+    info->bytes = 8 * t * t + t * s * pal_precision_size(info->precision) +
+                  8 * t * 3 * (uint64_t)info->probe_count;
+}
+
+/// Everything after the cloud.
+static pal_status build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const pal_skin_source *skin,
+                                 const pal_node_sets *sets, const pal_progress *progress,
+                                 pal_model *model, pal_error *error) {
+    pal_system system = {0};
+    pal_factor *factor = NULL;
+    pal_factor_report factor_report = {0};
+    pal_compliance_report solve_report = {0};
+    pal_offline_seconds *seconds = &model->info.seconds;
+    uint8_t *fixed = malloc((size_t)cloud->node_count + 1);
+    pal_probe_weights *probes = calloc((size_t)scene->probe_count + 1, sizeof *probes);
+    pal_status status = PALPATE_OK;
+    if (fixed == NULL || probes == NULL) {
+        status = pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory");
+    }
+    if (status == PALPATE_OK) {
+        for (int32_t i = 0; i < cloud->node_count; i++) {
+            fixed[i] = (sets->flags[i] & PALPATE_NODE_FIXED) != 0;
+        }
+        status = pal_model_fill(scene, cloud, sets, model, probes, error);
+    }
+    if (status == PALPATE_OK) {
+        status = pal_model_fill_skin(skin, cloud, model, error);
+    }
+    if (status == PALPATE_OK) {
+        status = pal_memory_plan_check(&model->info, error);
+    }
+    double begin = seconds_now();
+    if (status == PALPATE_OK && cancelled(progress, "assemble")) {
+        status = pal_fail(error, PALPATE_ERROR_CANCELLED, "cancelled before assembly");
+    }
+    if (status == PALPATE_OK) {
+        status = pal_discretize(cloud, fixed, scene->poisson, &scene->method, progress, &system, error);
+        (void)snprintf(model->info.method_options, sizeof model->info.method_options, "%s",
+                       system.options);
+        seconds->assemble = seconds_now() - begin;
+    }
+    if (status == PALPATE_OK) {
+        begin = seconds_now();
+        status = pal_factor_create(&system.matrix, system.positive, progress, &factor, &factor_report,
+                                   error);
+        seconds->factor = seconds_now() - begin;
+    }
+    if (status == PALPATE_OK) {
+        begin = seconds_now();
+        status = pal_compliance_solve(&system, factor, scene->young, cloud->length, probes, progress,
+                                      model, &solve_report, error);
+        seconds->solve = seconds_now() - begin;
+    }
+    pal_factor_free(factor);
+    if (status == PALPATE_OK) {
+        begin = seconds_now();
+        status = pal_certify(&system, &factor_report, &solve_report, cloud->length,
+                             scene->symmetrize, progress, model, error);
+        seconds->certify = seconds_now() - begin;
+    }
+    if (status == PALPATE_OK) {
+        describe_build(&model->info, &factor_report, &solve_report);
+    }
+    pal_system_clear(&system);
+    free(probes);
+    free(fixed);
+    return status;
+}
+
+pal_status pal_precompute(pal_scene *scene, const pal_progress *progress, pal_model **out,
+                          pal_error *error) {
+    *out = NULL;
+    double begin = seconds_now();
+    pal_cloud cloud = {0};
+    pal_skin_source skin = {0};
+    pal_node_sets sets = {0};
+    pal_model *model = pal_model_new();
+    if (model == NULL) {
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory");
+    }
+    pal_status status = pal_scene_hash(scene, model->info.hash, error);
+    if (status == PALPATE_OK && cancelled(progress, "cloud")) {
+        status = pal_fail(error, PALPATE_ERROR_CANCELLED, "cancelled before the cloud");
+    }
+    if (status == PALPATE_OK) {
+        status = pal_cloud_build(scene, progress, &cloud, &skin, error);
+    }
+    if (status == PALPATE_OK) {
+        status = pal_scene_select_nodes(scene, &cloud, &sets, error);
+        model->info.seconds.cloud = seconds_now() - begin;
+    }
+    if (status == PALPATE_OK) {
+        status = build_on_cloud(scene, &cloud, &skin, &sets, progress, model, error);
+    }
+    if (status == PALPATE_OK) {
+        model->info.seconds.total = seconds_now() - begin;
+        status = pal_model_check(model, error);
+    }
+    pal_node_sets_clear(&sets);
+    free(skin.position);
+    free(skin.triangle);
+    pal_cloud_clear(&cloud);
+    if (status != PALPATE_OK) {
+        pal_model_free(model);
+        return status;
+    }
+    *out = model;
+    const pal_certificate *c = &model->info.certificate;
+    if (!c->pass && scene->certify_warn) {
+        return pal_scene_warn(scene, NULL, "the model does not pass its certificate: %s", c->reason);
+    }
+    if (!c->pass) {
+        return pal_fail(error, PALPATE_ERROR_CERTIFICATE,
+                        "the model does not pass its certificate: %s; to write it all the same, set "
+                        "certify: warn",
+                        c->reason);
+    }
+    return PALPATE_OK;
+}
+
+pal_status pal_precompute_cached(pal_scene *scene, const pal_progress *progress, pal_model **out,
+                                 int *was_cached, pal_error *error) {
+    char path[4096], hash[65];
+    if (was_cached != NULL) {
+        *was_cached = 0;
+    }
+    *out = NULL;
+    pal_status status = pal_scene_hash(scene, hash, error);
+    if (status != PALPATE_OK) {
+        return status;
+    }
+    pal_error cache_error = {0};
+    int have_path = pal_cache_path(scene, path, sizeof path, &cache_error) == PALPATE_OK;
+    if (have_path && pal_model_load(path, out, NULL) == PALPATE_OK) {
+        if (strcmp((*out)->info.hash, hash) == 0) {
+            (*out)->runtime = scene->runtime;
+            if (was_cached != NULL) {
+                *was_cached = 1;
+            }
+            return PALPATE_OK;
+        }
+        pal_model_free(*out);
+        *out = NULL;
+    }
+    status = pal_precompute(scene, progress, out, error);
+    if (status != PALPATE_OK) {
+        return status;
+    }
+    // a cache that cannot be written costs time, not correctness: say so and go on
+    if (cancelled(progress, "write")) {
+        pal_model_free(*out);
+        *out = NULL;
+        return pal_fail(error, PALPATE_ERROR_CANCELLED, "cancelled before the model was written");
+    }
+    if (!have_path) {
+        return pal_scene_warn(scene, NULL, "the model is not cached: %s", cache_error.message);
+    }
+    if (pal_model_save(*out, path, &cache_error) != PALPATE_OK) {
+        return pal_scene_warn(scene, NULL, "the model is not cached: %s", cache_error.message);
+    }
+    return PALPATE_OK;
+}
