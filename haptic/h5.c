@@ -168,6 +168,12 @@ static herr_t udata_free(void *udata) {
     return 0;
 }
 
+/// HDF5 takes two open core files of one name for the same file, so each image gets its own.
+static const char *image_name(const pal_h5 *file, char name[40]) {
+    (void)snprintf(name, 40, "palpate image %p", (const void *)file);
+    return name;
+}
+
 // ---- Files --------------------------------------------------------------------------------------
 
 static pal_h5 *new_file(pal_error *error) {
@@ -226,7 +232,8 @@ pal_status pal_h5_create(const char *path, size_t user_block, size_t expected, p
              H5Pset_meta_block_size(access, 2048) >= 0 && H5Pset_small_data_block_size(access, 2048) >= 0 &&
              (path != NULL || set_memory_driver(access, file, increment));
     if (ok) {
-        file->id = H5Fcreate(path != NULL ? path : "model", H5F_ACC_TRUNC, creation, access);
+        char name[40];
+        file->id = H5Fcreate(path != NULL ? path : image_name(file, name), H5F_ACC_TRUNC, creation, access);
     }
     if (file->id < 0) {
         status = fail_h5(error, path != NULL ? PALPATE_ERROR_IO : PALPATE_ERROR_MEMORY, "cannot create",
@@ -290,7 +297,8 @@ static pal_status open_file(const char *path, const void *image, size_t size, pa
     memcpy(&file->image, &image, sizeof image); // read only: HDF5's interface has no const
     access = H5Pcreate(H5P_FILE_ACCESS);
     if (access >= 0 && (path != NULL || set_memory_driver(access, file, 65536))) {
-        file->id = H5Fopen(path != NULL ? path : "model", H5F_ACC_RDONLY, access);
+        char name[40];
+        file->id = H5Fopen(path != NULL ? path : image_name(file, name), H5F_ACC_RDONLY, access);
     }
     if (file->id < 0) {
         status = fail_h5(error, PALPATE_ERROR_FORMAT, "HDF5 cannot read", path != NULL ? path : "the image");

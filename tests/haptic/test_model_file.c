@@ -770,32 +770,75 @@ static void two_processes_saving_at_once_end_with_one_good_file(void **state) {
     pal_model_free(m), pal_model_free(b);
 }
 
-static void *load_repeatedly(void *result) {
+typedef struct loader {
+    char path[400];
+    double density;
+    int failed;
+} loader;
+
+static void *load_repeatedly(void *argument) {
+    loader *l = argument;
     for (int i = 0; i < 5; i++) {
         pal_model *m;
-        if (pal_model_load(path, &m, NULL) != PALPATE_OK) {
-            *(int *)result = 1;
+        if (pal_model_load(l->path, &m, NULL) != PALPATE_OK) {
+            l->failed = 1;
             return NULL;
         }
+        l->failed |= m->info.density != l->density ? 2 : 0;
+        l->failed |= pal_model_save(m, l->path, NULL) != PALPATE_OK ? 4 : 0;
         pal_model_free(m);
     }
     return NULL;
 }
 
-static void threads_load_side_by_side(void **state) {
+/// Each thread its own model: images open at the same time must not be mixed up.
+static void threads_load_and_save_side_by_side(void **state) {
     (void)state;
     pal_model *m = build(1, 0, 0, SYNTHETIC_ROWS_SURFACE);
-    save(m);
     pthread_t thread[4];
-    int failed[4] = {0};
+    loader loaders[4] = {{{0}, 0, 0}};
     for (int k = 0; k < 4; k++) {
-        assert_int_equal(pthread_create(&thread[k], NULL, load_repeatedly, &failed[k]), 0);
+        (void)snprintf(loaders[k].path, sizeof loaders[k].path, "%s/%d.palpate", directory, k);
+        m->info.density = loaders[k].density = 1000 + k;
+        assert_int_equal(pal_model_save(m, loaders[k].path, NULL), PALPATE_OK);
+    }
+    for (int k = 0; k < 4; k++) {
+        assert_int_equal(pthread_create(&thread[k], NULL, load_repeatedly, &loaders[k]), 0);
     }
     for (int k = 0; k < 4; k++) {
         assert_int_equal(pthread_join(thread[k], NULL), 0);
-        assert_int_equal(failed[k], 0);
+        assert_int_equal(loaders[k].failed, 0);
     }
     pal_model_free(m);
+}
+
+/// The same without threads, so that it fails every time: two images open at once.
+static void two_images_open_at_once_stay_apart(void **state) {
+    (void)state;
+    pal_h5 *file[2];
+    void *image[2];
+    size_t size[2];
+    pal_error error = {0};
+    for (int k = 0; k < 2; k++) {
+        assert_int_equal(pal_h5_create(NULL, 512, 0, &file[k], &error), PALPATE_OK);
+    }
+    for (int k = 0; k < 2; k++) {
+        int32_t value = 7 + k;
+        assert_int_equal(pal_h5_write(file[k], "/x", PALPATE_H5_I32, 0, NULL, &value, NULL, NULL, &error), PALPATE_OK);
+    }
+    for (int k = 0; k < 2; k++) {
+        assert_int_equal(pal_h5_take_image(file[k], &image[k], &size[k], &error), PALPATE_OK);
+    }
+    for (int k = 0; k < 2; k++) {
+        assert_int_equal(pal_h5_open_image(image[k], size[k], &file[k], &error), PALPATE_OK);
+    }
+    for (int k = 0; k < 2; k++) {
+        int32_t value = 0;
+        assert_int_equal(pal_h5_read(file[k], "/x", PALPATE_H5_I32, 0, NULL, &value, &error), PALPATE_OK);
+        assert_int_equal(value, 7 + k);
+        assert_int_equal(pal_h5_close(file[k], &error), PALPATE_OK);
+        free(image[k]);
+    }
 }
 
 // ---- h5 itself ----------------------------------------------------------------------------------
@@ -879,7 +922,8 @@ int main(void) {
         IN_DIRECTORY(saving_where_one_cannot_leaves_nothing),
         IN_DIRECTORY(a_full_disk_leaves_the_old_file),
         IN_DIRECTORY(two_processes_saving_at_once_end_with_one_good_file),
-        IN_DIRECTORY(threads_load_side_by_side),
+        IN_DIRECTORY(threads_load_and_save_side_by_side),
+        IN_DIRECTORY(two_images_open_at_once_stay_apart),
         IN_DIRECTORY(h5_files_on_disk_are_written_row_by_row),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
