@@ -12,7 +12,8 @@
 ///
 /// so K is symmetric and positive definite by construction, reciprocity is exact, and a pair's
 /// V_p = S . e / 3 is positive whatever the shapes. One constraint per node on the dilatation: no
-/// locking as nu -> 1/2. (The same averages in the finite element literature: edge- and node-based
+/// locking as nu -> 1/2. With `volumetric: patch` (default) the surface nodes' cells are joined to
+/// interior ones first, because prescribed nodes bring constraints without freedoms (cell_patches.h). (The same averages in the finite element literature: edge- and node-based
 /// strain smoothing, Liu & Nguyen-Thoi 2010; mean dilatation at nodes, Bonet & Burton 1998.)
 ///
 /// **collocated** (design 2.2 as it stands). The stress of a wall is taken at the pair's midpoint from
@@ -30,6 +31,7 @@
 
 #include "haptic/error.h"
 #include "src/cell_faces.h"
+#include "src/cell_patches.h"
 #include "src/cell_rows.h"
 #include "src/mls.h"
 #include "src/neighbours.h"
@@ -42,6 +44,7 @@ typedef struct cell_parts {
     pal_lists pair_entry, nodal_entry; ///< symmetric: entries of the operators by node
     int32_t *pair_point, *nodal_point; ///< symmetric: their points
     pal_lists own_pair;                ///< collocated: the pairs of each node
+    double *dilatation_volume;         ///< symmetric: volume of each point of `nodal`
     double mu;     ///< shear modulus, E = 1
     double lambda; ///< of the stress at the pair: -2 mu / 3 + beta kappa
     double kappa;  ///< of the nodal dilatation: (1 - beta) bulk modulus
@@ -54,6 +57,7 @@ static void parts_clear(cell_parts *p) {
     pal_lists_clear(&p->pair_entry);
     pal_lists_clear(&p->nodal_entry);
     pal_lists_clear(&p->own_pair);
+    free(p->dilatation_volume);
     free(p->pair_point);
     free(p->nodal_point);
 }
@@ -86,7 +90,7 @@ static void fill_symmetric(const void *context, int32_t node, pal_scatter *row) 
         int32_t q = p->nodal_point[u];
         const double *a = &p->nodal.weight[3 * (size_t)p->nodal_entry.item[u]];
         for (int64_t k = p->nodal.start[q]; k < p->nodal.start[q + 1]; k++) {
-            add_stress(pal_scatter_at(row, p->nodal.node[k]), p->cloud->volume[q], p->kappa, 0, a,
+            add_stress(pal_scatter_at(row, p->nodal.node[k]), p->dilatation_volume[q], p->kappa, 0, a,
                        &p->nodal.weight[3 * k]);
         }
     }
@@ -230,13 +234,38 @@ static pal_status collocated_gradients(const pal_method *method, const pal_progr
     return status;
 }
 
-/// Mean gradients of pairs and nodes, and who uses them.
-static pal_status symmetric_gradients(cell_parts *p, pal_stencil_report *report,
+/// Replace the nodes' mean gradients by those of patches, or note the nodes' volumes.
+static pal_status dilatation_regions(cell_parts *p, int patches, pal_error *error) {
+    const pal_cloud *cloud = p->cloud;
+    if (patches) {
+        pal_gradients joined = {0};
+        pal_status status = pal_cell_patches(cloud, &p->faces, &p->nodal, &joined,
+                                             &p->dilatation_volume, error);
+        if (status == PALPATE_OK) {
+            pal_gradients_clear(&p->nodal);
+            p->nodal = joined;
+        }
+        return status;
+    }
+    size_t bytes = (size_t)cloud->node_count * sizeof *p->dilatation_volume;
+    p->dilatation_volume = malloc(bytes + 1);
+    if (p->dilatation_volume == NULL) {
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "dilatation of the nodes: out of memory");
+    }
+    memcpy(p->dilatation_volume, cloud->volume, bytes);
+    return PALPATE_OK;
+}
+
+/// Mean gradients of pairs and of nodes or patches, and who uses them.
+static pal_status symmetric_gradients(cell_parts *p, int patches, pal_stencil_report *report,
                                       pal_error *error) {
     const pal_cloud *cloud = p->cloud;
     pal_status status = pal_cell_pair_gradients(cloud, &p->faces, &p->pair, error);
     if (status == PALPATE_OK) {
         status = pal_cell_node_gradients(cloud, &p->faces, &p->nodal, error);
+    }
+    if (status == PALPATE_OK) {
+        status = dilatation_regions(p, patches, error);
     }
     if (status == PALPATE_OK) {
         status = pal_gradients_users(&p->pair, cloud->node_count, &p->pair_entry, &p->pair_point,
@@ -271,6 +300,10 @@ static pal_status check_options(double poisson, const pal_method *method, pal_er
         return pal_fail(error, PALPATE_ERROR_UNSUPPORTED,
                         "method.volumetric: mixed is not built for kind: cell; use nodal");
     }
+    if (method->volumetric == PALPATE_VOLUMETRIC_PATCH && method->form == PALPATE_CELL_COLLOCATED) {
+        return pal_fail(error, PALPATE_ERROR_UNSUPPORTED,
+                        "method.volumetric: patch is not built for form: collocated; use nodal");
+    }
     if (method->form != PALPATE_CELL_SYMMETRIC && method->form != PALPATE_CELL_COLLOCATED) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT, "method.form: %d; symmetric or collocated",
                         (int)method->form);
@@ -294,6 +327,7 @@ pal_status pal_method_cell(const pal_cloud *cloud, const uint8_t *fixed, double 
     }
     int plain = method->volumetric == PALPATE_VOLUMETRIC_PLAIN;
     int symmetric = method->form == PALPATE_CELL_SYMMETRIC;
+    int patches = method->volumetric == PALPATE_VOLUMETRIC_PATCH;
     double bulk = 1 / (3 * (1 - 2 * poisson));
     double blend = plain ? 1 : method->stabilization > 0 ? method->stabilization : 0;
     cell_parts p = {.cloud = cloud, .mu = 0.5 / (1 + poisson), .kappa = (1 - blend) * bulk};
@@ -301,7 +335,7 @@ pal_status pal_method_cell(const pal_cloud *cloud, const uint8_t *fixed, double 
     pal_stencil_report report = {0};
     status = pal_cell_faces_create(cloud, &p.faces, error);
     if (status == PALPATE_OK) {
-        status = symmetric ? symmetric_gradients(&p, &report, error)
+        status = symmetric ? symmetric_gradients(&p, patches, &report, error)
                            : collocated_gradients(method, progress, &p, &report, error);
     }
     if (status == PALPATE_OK) {
@@ -316,7 +350,7 @@ pal_status pal_method_cell(const pal_cloud *cloud, const uint8_t *fixed, double 
         out->stencils = report;
         if (symmetric) {
             snprintf(out->options, sizeof out->options, "form=symmetric, volumetric=%s, blend=%g",
-                     plain ? "plain" : "nodal", blend);
+                     plain ? "plain" : patches ? "patch" : "nodal", blend);
         } else {
             snprintf(out->options, sizeof out->options,
                      "form=collocated, basis=%s, neighbours=%d, exponent=%d, volumetric=%s, blend=%g",

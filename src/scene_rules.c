@@ -101,11 +101,13 @@ static pal_status rule_options(pal_reading *r, const pal_value *value, int which
 static pal_status rule_stabilization(pal_reading *r, const pal_value *value,
                                      const pal_method *method) {
     int galerkin = method->kind == PALPATE_METHOD_GALERKIN;
-    pal_volumetric with = galerkin ? PALPATE_VOLUMETRIC_MIXED : PALPATE_VOLUMETRIC_NODAL;
-    if (method->volumetric != with) {
+    int used = galerkin ? method->volumetric == PALPATE_VOLUMETRIC_MIXED
+                        : method->volumetric == PALPATE_VOLUMETRIC_NODAL ||
+                              method->volumetric == PALPATE_VOLUMETRIC_PATCH;
+    if (!used) {
         return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_key(value, "stabilization"),
                                 "stabilization", "a factor of nothing",
-                                galerkin ? "with volumetric: mixed" : "with volumetric: nodal",
+                                galerkin ? "with volumetric: mixed" : "with volumetric: nodal or patch",
                                 "remove it");
     }
     if (!galerkin && method->stabilization > 1.0) {
@@ -136,10 +138,16 @@ pal_status pal_rule_method(pal_reading *r, const pal_value *value, void *object)
     if (pal_value_is_null(volumetric)) {
         method->volumetric = point      ? PALPATE_VOLUMETRIC_PLAIN
                              : galerkin ? PALPATE_VOLUMETRIC_MIXED
-                                        : PALPATE_VOLUMETRIC_NODAL;
+                             : collocated ? PALPATE_VOLUMETRIC_NODAL
+                                          : PALPATE_VOLUMETRIC_PATCH;
+    } else if (method->volumetric == PALPATE_VOLUMETRIC_PATCH && (galerkin || collocated)) {
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, volumetric, "volumetric", "patch",
+                                galerkin ? "plain, nodal or mixed for kind: galerkin"
+                                         : "plain or nodal for form: collocated",
+                                "leave it out");
     } else if (method->volumetric == PALPATE_VOLUMETRIC_MIXED && !galerkin) {
         return pal_reading_fail(r, PALPATE_ERROR_SCENE, volumetric, "volumetric", "mixed",
-                                "plain or nodal for kind: cell", "use nodal, or kind: galerkin");
+                                "plain, nodal or patch for kind: cell", "leave it out, or kind: galerkin");
     }
     if (pal_value_is_null(pal_value_get(value, "stabilization"))) {
         method->stabilization = -1.0;

@@ -229,8 +229,10 @@ static const pal_scene_key KEYS[] = {
     {"method.fictitious", "switch", "", "true | false", "true",
      "fictitious nodes outside each traction node, PDE on the boundary",
      BIND(.kind = PALPATE_KEY_SWITCH, AT(struct pal_scene, method.fictitious), METHODS(POINT))},
-    CHOICE("method.volumetric", "plain | nodal | mixed", "(nodal for cell, mixed for galerkin)",
-           "volumetric part: at the point, averaged at nodes, or with pressures (galerkin only)",
+    CHOICE("method.volumetric", "plain | nodal | mixed | patch",
+           "(patch for cell, nodal for form: collocated, mixed for galerkin)",
+           "volumetric part: at the point, averaged at nodes, with pressures (galerkin only), averaged "
+           "over interior cells with the surface cells beside them (cell only)",
            struct pal_scene, method.volumetric, METHODS(CELL | COLLOCATED | GALERKIN)),
     NUMBER("method.stabilization", "-", WITHIN(0, 1e6), "(0 for cell, 1 for galerkin)",
            "cell, nodal: part of the plain term blended in, 0 to 1; galerkin, mixed: factor of the "

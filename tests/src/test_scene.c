@@ -123,7 +123,7 @@ static void the_designs_example_fills_every_field(void **state) {
     assert_string_equal(s->probe[0].name, "mid");
     assert_true(s->probe[0].position[2] == 0.025);
     assert_int_equal(s->method.kind, PALPATE_METHOD_CELL);
-    assert_int_equal(s->method.volumetric, PALPATE_VOLUMETRIC_NODAL);
+    assert_int_equal(s->method.volumetric, PALPATE_VOLUMETRIC_PATCH);
     assert_int_equal(s->method.basis, PALPATE_BASIS_LINEAR);
     assert_true(s->method.stabilization < 0);
     assert_int_equal(s->symmetrize, 1);
@@ -152,7 +152,7 @@ static void a_minimal_scene_gets_the_documented_defaults(void **state) {
     assert_int_equal(s->touchable.count, 1);
     assert_int_equal(s->touchable.item[0].kind, PALPATE_SELECT_ALL);
     assert_int_equal(s->method.kind, PALPATE_METHOD_CELL);
-    assert_int_equal(s->method.volumetric, PALPATE_VOLUMETRIC_NODAL);
+    assert_int_equal(s->method.volumetric, PALPATE_VOLUMETRIC_PATCH);
     assert_int_equal(s->symmetrize, 1);
     assert_int_equal(s->store_rows, PALPATE_STORE_SURFACE);
     assert_int_equal(s->runtime.tool_count, 0);
@@ -561,7 +561,7 @@ static void the_hash_follows_the_physics_and_nothing_else(void **state) {
         "servo.rate=500",
         "render.rate=10",
         "max_contacts=8",
-        "method.volumetric=nodal",
+        "method.volumetric=patch",
         "body.geometry={hemisphere: {radius: 5e-2}}",
         "body.patches.pole.rim_spacing=auto",
         "body.fixed.0.below.z=-0.0",
