@@ -17,7 +17,7 @@
 static const double SHARP_COSINE = 0.5; // normals more than 60 degrees apart: an edge to keep
 static const double VOLUME_TOLERANCE = 0.01, DISTANCE_TOLERANCE = 0.25;
 static const double FARTHEST = 65536.0;
-enum { ATTEMPTS = 6, ROUNDS = 8 };
+enum { ATTEMPTS = 8, ROUNDS = 8 };
 
 /// Normalise the checked surface into body->input_*.
 static pal_status take_input(const pal_scene *scene, const pal_surface *s, pal_body *body,
@@ -185,16 +185,16 @@ static pal_status measure_distance(const pal_body *body, const pal_size_field *s
     return status;
 }
 
-/// Ask for 0.6 of the present spacing at input vertices further from the mesh than `limit`.
+/// Ask for `factor` of the present spacing at input vertices further from the mesh than `limit`.
 static pal_status refine_distant(const pal_body *body, const double *distance, double limit,
-                                 pal_size_field *size, pal_error *error) {
+                                 double factor, pal_size_field *size, pal_error *error) {
     int32_t present = size->count;
     for (int32_t i = 0; i < body->input_vertices; i++) {
         if (distance[i] > limit) {
             const double *x = body->input_x + 3 * (size_t)i;
             pal_size_field now = *size;
             now.count = present;
-            pal_size_source s = {.radius = 0.0, .spacing = pal_grid(0.6 * pal_size_at(&now, x))};
+            pal_size_source s = {.radius = 0.0, .spacing = pal_grid(factor * pal_size_at(&now, x))};
             v3_copy(x, s.a);
             v3_copy(x, s.b);
             if (pal_size_add(size, &s) != PALPATE_OK) {
@@ -209,7 +209,7 @@ static pal_status refine_distant(const pal_body *body, const double *distance, d
 /// where the mesh lies far from the input.
 static pal_status attempt(pal_body *body, pal_size_field *size, int32_t sources, double limit,
                           double *distance, const char **why, pal_error *error) {
-    double before = pal_smesh_volume(&body->mesh), worst;
+    double before = pal_smesh_volume(&body->mesh), worst, factor = 0.6;
     *why = NULL;
     pal_status status = pal_smesh_remesh(&body->mesh, &body->shape, size, ROUNDS, error);
     if (status != PALPATE_OK) {
@@ -230,9 +230,11 @@ static pal_status attempt(pal_body *body, pal_size_field *size, int32_t sources,
         *why = "leaves the input by more than a quarter of the spacing";
     } else if (fabs(pal_smesh_volume(&body->mesh) - before) > VOLUME_TOLERANCE * before) {
         *why = "changes the volume by more than 1 %";
-        limit *= 0.6; // every vertex is close enough: look for the next best
+        // every vertex is close enough: chords lose volume where the surface bends most
+        limit = fmin(0.5 * worst, 0.6 * limit);
+        factor = 0.7;
     }
-    return *why == NULL ? PALPATE_OK : refine_distant(body, distance, limit, size, error);
+    return *why == NULL ? PALPATE_OK : refine_distant(body, distance, limit, factor, size, error);
 }
 
 /// Is every edge already within a factor of the spacing wanted?

@@ -8,8 +8,10 @@
 
 #include <errno.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <unistd.h>
 
 #include "haptic/error.h"
@@ -160,10 +162,56 @@ static pal_status weld(pal_surface *s, pal_error *error) {
     return PALPATE_OK;
 }
 
+static int has_extension(const char *path, const char *extension) {
+    const char *dot = strrchr(path, '.');
+    return dot != NULL && strcasecmp(dot + 1, extension) == 0;
+}
+
+/// Assimp 5.2 reads a PLY header without end for ever, and believes any count: look first.
+static const char *look_at_ply(FILE *in, long size) {
+    char line[256];
+    for (int i = 0; i < 1000 && fgets(line, sizeof line, in) != NULL; i++) {
+        long count;
+        if (sscanf(line, "element %*s %ld", &count) == 1 && (count < 0 || count > size)) {
+            return "its header announces more elements than the file can hold";
+        }
+        if (strncmp(line, "end_header", 10) == 0) {
+            return NULL;
+        }
+    }
+    return "its header has no end";
+}
+
+/// What can be told before Assimp parses anything. @return NULL when it may try
+static const char *look_at(const char *path) {
+    if (!has_extension(path, "stl") && !has_extension(path, "obj") && !has_extension(path, "ply")) {
+        return "its name does not end in .stl, .obj or .ply";
+    }
+    FILE *in = fopen(path, "rb");
+    if (in == NULL) {
+        return strerror(errno);
+    }
+    const char *why = NULL;
+    long size = fseek(in, 0, SEEK_END) == 0 ? ftell(in) : -1;
+    if (size <= 0) {
+        why = size == 0 ? "it is empty" : "it is not a regular file";
+    } else if (has_extension(path, "ply")) {
+        rewind(in);
+        why = look_at_ply(in, size);
+    }
+    (void)fclose(in);
+    return why;
+}
+
 pal_status pal_surface_read(const char *path, pal_surface *out, pal_error *error) {
     memset(out, 0, sizeof *out);
     if (access(path, R_OK) != 0) {
         return pal_fail(error, PALPATE_ERROR_IO, "%s: %s", path, strerror(errno));
+    }
+    const char *why = look_at(path);
+    if (why != NULL) {
+        return pal_fail(error, PALPATE_ERROR_IO, "%s: not a readable surface (STL, OBJ or PLY): %s", path,
+                        why);
     }
     struct aiPropertyStore *options = aiCreatePropertyStore();
     const struct aiScene *scene = aiImportFileExWithProperties(
