@@ -29,9 +29,19 @@ typedef struct pal_active_set {
     double *matrix;    ///< factor, shape [3 capacity, 3 capacity], column-major
     double *work;      ///< shape [3 capacity]
     int32_t *pivot;    ///< shape [3 capacity]
+    int current;       ///< the set is that of the last solve
+    int32_t slots;     ///< nodes whose rows are cached
+    int32_t next;      ///< slot to give away next
+    int32_t stride;    ///< elements between cached rows
+    int32_t *slot;     ///< slot of each column node, -1: none; shape [column_count]
+    int32_t *owner;    ///< column node of each slot, -1: none; shape [slots]
+    int32_t *valid;    ///< leading unknowns gathered; shape [slots]
+    uint64_t *used;    ///< `solves` when last asked for; shape [slots]
+    uint64_t solves;   ///< solves so far
+    double *row;       ///< rows of C against the set's unknowns, shape [slots, 3, stride]
 } pal_active_set;
 
-size_t pal_active_set_bytes(int32_t capacity);
+size_t pal_active_set_bytes(const pal_model *model, int32_t capacity);
 /// @param memory 64-byte aligned, pal_active_set_bytes() long
 void pal_active_set_init(pal_active_set *set, const pal_model *model, int32_t capacity,
                          void *memory);
@@ -48,6 +58,6 @@ void pal_active_set_remove(pal_active_set *set, int32_t index);
 int pal_active_set_solve(pal_active_set *set);
 
 /// Displacement of column node `column` under the forces of the last solve [m]. Cost: O(3 m).
-void pal_active_set_displacement(const pal_active_set *set, int32_t column, double u[3]);
+void pal_active_set_displacement(pal_active_set *set, int32_t column, double u[3]);
 
 #endif

@@ -70,24 +70,24 @@ static size_t grid_count(const pal_model *model) {
 static size_t nodes_bytes(const pal_model *model, const pal_contact_def *def) {
     size_t n = grid_count(model), m = (size_t)def->max_contacts;
     return padded(sizeof(nodes_law)) + pal_grid_bytes(model) +
-           pal_active_set_bytes(def->max_contacts) + padded(m * sizeof(int32_t)) +
+           pal_active_set_bytes(model, def->max_contacts) + padded(m * sizeof(int32_t)) +
            padded(m * sizeof(double)) + padded(n * sizeof(node_state)) +
            padded(n * sizeof(choice)) + padded(m * sizeof(choice)) +
-           (size_t)def->tool_count * padded(n * sizeof(int32_t));
+           2 * (size_t)def->tool_count * padded(n * sizeof(int32_t));
 }
 
 static void nodes_reset(void *self) {
     nodes_law *law = self;
     pal_active_set_clear(&law->set);
     law->tick = 0;
-    law->lateral = 0.0;
+    law->moved = 0.0;
     law->good = (pal_contact_result){0};
     for (int32_t a = 0; a < law->grid.count; a++) {
         law->node[a] = (node_state){.owner = -1, .listed = -1};
     }
     for (int32_t t = 0; t < law->def.tool_count; t++) {
-        int32_t *candidate = law->tool[t].candidate;
-        law->tool[t] = (tool_state){.candidate = candidate, .pick = -1};
+        int32_t *candidate = law->tool[t].candidate, *near = law->tool[t].near;
+        law->tool[t] = (tool_state){.candidate = candidate, .near = near, .pick = -1};
     }
 }
 
@@ -99,7 +99,7 @@ static void *nodes_init(void *memory, const pal_model *model, const pal_contact_
     law->def = *def;
     pal_grid_init(&law->grid, model, take(&at, pal_grid_bytes(model)));
     pal_active_set_init(&law->set, model, def->max_contacts,
-                        take(&at, pal_active_set_bytes(def->max_contacts)));
+                        take(&at, pal_active_set_bytes(model, def->max_contacts)));
     law->member = take(&at, m * sizeof(int32_t));
     law->depth = take(&at, m * sizeof(double));
     law->node = take(&at, n * sizeof(node_state));
@@ -107,6 +107,7 @@ static void *nodes_init(void *memory, const pal_model *model, const pal_contact_
     law->kept = take(&at, m * sizeof(choice));
     for (int32_t t = 0; t < def->tool_count; t++) {
         law->tool[t].candidate = take(&at, n * sizeof(int32_t));
+        law->tool[t].near = take(&at, n * sizeof(int32_t));
     }
     nodes_reset(law);
     return law;
@@ -116,10 +117,13 @@ static void *nodes_init(void *memory, const pal_model *model, const pal_contact_
 
 static void summarise(nodes_law *law, pal_contact_result *result) {
     double weight[PALPATE_TOOLS_MAX] = {0.0};
-    law->lateral = 0.0;
+    law->moved = 0.0;
+    for (int32_t t = 0; t < law->def.tool_count; t++) {
+        law->tool[t].moved = 0.0;
+    }
     for (int32_t k = 0; k < law->set.count; k++) {
         int32_t t = law->node[law->member[k]].owner;
-        const tool_state *tool = &law->tool[t];
+        tool_state *tool = &law->tool[t];
         pal_contact_wrench *w = &result->tool[t];
         const double *f = law->set.f + 3 * (size_t)k, *u = law->set.u + 3 * (size_t)k;
         double x[3], arm[3], push = fmax(0.0, dot(f, tool->dir));
@@ -135,7 +139,8 @@ static void summarise(nodes_law *law, pal_contact_result *result) {
         w->torque[2] += arm[0] * f[1] - arm[1] * f[0];
         w->depth = fmax(w->depth, law->depth[k]);
         w->count++;
-        law->lateral = fmax(law->lateral, sqrt(dot(u, u)));
+        tool->moved = fmax(tool->moved, sqrt(dot(u, u)));
+        law->moved = fmax(law->moved, tool->moved);
     }
     for (int32_t t = 0; t < law->def.tool_count; t++) {
         pal_contact_wrench *w = &result->tool[t];
@@ -154,7 +159,7 @@ static void nodes_solve(void *self, const pal_contact_tool tools[], pal_contact_
     for (int32_t t = 0; t < law->def.tool_count; t++) {
         tool_state *tool = &law->tool[t];
         if (!tools[t].present) {
-            tool->candidates = 0;
+            tool->candidates = tool->nears = 0;
             tool->engaged = tool->has_before = 0;
             continue;
         }
@@ -188,6 +193,9 @@ static void nodes_solve(void *self, const pal_contact_tool tools[], pal_contact_
         if (moved_on || !pal_nodes_aim(law, k)) {
             pal_nodes_let_go(law, k);
         }
+    }
+    for (int32_t t = 0; t < law->def.tool_count; t++) {
+        pal_nodes_narrow(law, t);
     }
     uint32_t fault = pal_nodes_settle(law, result);
     if (fault & PALPATE_FAULT_SINGULAR) {

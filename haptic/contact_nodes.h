@@ -32,6 +32,9 @@ typedef struct tool_state {
     double travel;        ///< of the tool's surface since the last tick, at most [m]
     int32_t *candidate;   ///< nodes that this tool may touch, shape [grid.count]
     int32_t candidates;
+    int32_t *near;        ///< those that may be inside it this tick, shape [grid.count]
+    int32_t nears;
+    double moved;         ///< largest |u| of its nodes in the last tick [m]
     int32_t pick;         ///< point tool: its node, -1
     int has_before;       ///< a pose was seen before
     int engaged;          ///< pushes along d
@@ -58,7 +61,7 @@ typedef struct nodes_law {
     choice *fresh;     ///< new contacts of a pass, shape [grid.count]
     choice *kept;      ///< the deepest, shape [max_contacts]
     uint64_t tick;
-    double lateral;    ///< largest |u| of a touched node in the last tick [m]
+    double moved;      ///< largest |u| of a touched node in the last tick [m]
     pal_contact_result good; ///< last result that could be solved
     tool_state tool[PALPATE_TOOLS_MAX];
 } nodes_law;
@@ -71,6 +74,10 @@ void pal_nodes_gather(nodes_law *law, int32_t t);
 void pal_nodes_turn(nodes_law *law, int32_t t);
 /// Begin contact when tool t has come in from outside.
 void pal_nodes_engage(nodes_law *law, int32_t t);
+/// List the candidates of an engaged tool that may be inside it: those facing it whose line through
+/// the rest position meets the tool, widened by how far a free node can have moved. Near a contact the
+/// surface moves less than the contact does (half of it at most here); other tools count in full.
+void pal_nodes_narrow(nodes_law *law, int32_t t);
 /// The node a point tool presses: nearest to its line, facing it, over its own patch.
 void pal_nodes_pick(nodes_law *law, int32_t t);
 /// Without contact a tool stays engaged only while its far side is below the nearest node's level
@@ -107,7 +114,7 @@ static inline const double *normal_of(const nodes_law *law, int32_t a) {
 }
 
 /// Deformed position and displacement of node a under the forces of the last solve.
-static inline void deformed(const nodes_law *law, int32_t a, double x[3], double u[3]) {
+static inline void deformed(nodes_law *law, int32_t a, double x[3], double u[3]) {
     pal_active_set_displacement(&law->set, law->grid.column[a], u);
     for (int i = 0; i < 3; i++) {
         x[i] = rest_of(law, a)[i] + u[i];

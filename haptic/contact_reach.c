@@ -18,23 +18,27 @@ static double off_line(const pal_solid *solid, const double d[3], const double x
     return fmax(0.0, dot(p, p) - b * b);
 }
 
-static double normal_radius(const nodes_law *law, const pal_solid *solid) {
-    return fmax(solid->radius, MARGIN_NORMAL * law->grid.reach_max);
+/// Radius over which normals are averaged: the patch a ball pressed to this depth covers, at least a
+/// few nodes.
+static double normal_radius(const nodes_law *law, const tool_state *tool) {
+    double r = tool->solid.radius;
+    double patch = fmin(r, sqrt(2.0 * r * fmax(0.0, tool->depth)));
+    return fmax(patch, MARGIN_NORMAL * law->grid.reach_max);
 }
 
 void pal_nodes_gather(nodes_law *law, int32_t t) {
     tool_state *tool = &law->tool[t];
     double low[3], high[3];
     pal_solid_box(&tool->solid, low, high);
-    double wide = normal_radius(law, &tool->solid);
-    double margin = tool->travel + law->lateral + law->grid.reach_max;
-    if (tool->engaged) {
-        margin += 1.5 * wide - tool->solid.radius + law->grid.reach_max;
-    }
+    double margin = tool->travel + law->moved + law->grid.reach_max;
+    double wide = tool->engaged ? normal_radius(law, tool) : 0.0;
+    margin += fmax(0.0, wide - tool->solid.radius);
     for (int i = 0; i < 3; i++) {
+        // back to the surface it came through, forward to the normals below it
         double back = tool->engaged ? -tool->dir[i] * (tool->depth + tool->travel) : 0.0;
-        low[i] += fmin(back, 0.0) - margin;
-        high[i] += fmax(back, 0.0) + margin;
+        double ahead = tool->engaged ? tool->dir[i] * 0.5 * wide : 0.0;
+        low[i] += fmin(fmin(back, ahead), 0.0) - margin;
+        high[i] += fmax(fmax(back, ahead), 0.0) + margin;
     }
     tool->candidates = pal_grid_query(&law->grid, low, high, tool->candidate);
 }
@@ -43,7 +47,7 @@ void pal_nodes_gather(nodes_law *law, int32_t t) {
 void pal_nodes_turn(nodes_law *law, int32_t t) {
     tool_state *tool = &law->tool[t];
     pal_solid wide = tool->solid;
-    wide.radius = normal_radius(law, &tool->solid);
+    wide.radius = normal_radius(law, tool);
     double more = wide.radius - tool->solid.radius, sum[3] = {0.0, 0.0, 0.0};
     for (int32_t k = 0; k < tool->candidates; k++) {
         const double *x = rest_of(law, tool->candidate[k]);
@@ -71,8 +75,36 @@ void pal_nodes_turn(nodes_law *law, int32_t t) {
     }
 }
 
+void pal_nodes_narrow(nodes_law *law, int32_t t) {
+    tool_state *tool = &law->tool[t];
+    tool->nears = 0;
+    if (!tool->engaged || tool->holding > 0) {
+        return;
+    }
+    if (is_point(law, t)) {
+        if (tool->pick >= 0) {
+            tool->near[tool->nears++] = tool->pick;
+        }
+        return;
+    }
+    double free = tool->travel + 0.5 * tool->moved;
+    for (int32_t k = 0; k < law->def.tool_count; k++) {
+        free += k != t ? law->tool[k].moved : 0.0;
+    }
+    pal_solid wide = tool->solid;
+    wide.radius += free;
+    for (int32_t k = 0; k < tool->candidates; k++) {
+        int32_t a = tool->candidate[k];
+        double near, far;
+        if (dot(normal_of(law, a), tool->dir) < 0.0 &&
+            pal_solid_chord(&wide, rest_of(law, a), tool->dir, &near, &far) && far > 0.0) {
+            tool->near[tool->nears++] = a;
+        }
+    }
+}
+
 /// Nearest candidate to the tip in the deformed configuration; -1: none.
-static int32_t nearest(const nodes_law *law, const tool_state *tool, double x[3]) {
+static int32_t nearest(nodes_law *law, const tool_state *tool, double x[3]) {
     int32_t best = -1;
     double least = HUGE_VAL;
     for (int32_t k = 0; k < tool->candidates; k++) {
@@ -116,7 +148,7 @@ static int32_t enter_point(nodes_law *law, tool_state *tool) {
 /// Node by which a sphere or capsule enters, -1: none. The deepest node inside the tool now or on its
 /// way since the last tick, among those whose outside the tool was on. A tool that met the surface
 /// from inside is barred until it is clear of it.
-static int32_t enter_solid(const nodes_law *law, tool_state *tool) {
+static int32_t enter_solid(nodes_law *law, tool_state *tool) {
     int32_t best = -1, inside = 0;
     double least = 0.0;
     for (int32_t k = 0; k < tool->candidates; k++) {

@@ -88,15 +88,10 @@ static int32_t find_fresh(nodes_law *law) {
     int32_t count = 0;
     for (int32_t t = 0; t < law->def.tool_count; t++) {
         tool_state *tool = &law->tool[t];
-        if (!tool->engaged || tool->holding > 0) {
-            continue;
-        }
-        for (int32_t k = 0; k < tool->candidates; k++) {
-            int32_t a = tool->candidate[k];
+        for (int32_t k = 0; k < tool->nears; k++) {
+            int32_t a = tool->near[k];
             node_state *node = state_of(law, a);
-            if (node->owner >= 0 || node->dropped || node->let_go > 1 ||
-                (is_point(law, t) && a != tool->pick) ||
-                !(dot(normal_of(law, a), tool->dir) < 0.0)) {
+            if (node->owner >= 0 || node->dropped || node->let_go > 1) {
                 continue;
             }
             double x[3], u[3], near, far;

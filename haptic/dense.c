@@ -80,8 +80,13 @@ INLINE int32_t smaller(int32_t a, int32_t b) {
 
 /// x[i] -= s column[i], i = from .. to-1
 INLINE void subtract(const double *column, double s, double *x, int32_t from, int32_t to) {
+    // vectors start at multiples of LANES whatever `from` is: a load that straddles two vectors just
+    // stored would wait for both to reach the cache
     lanes factor = {s, s, s, s};
     int32_t i = from;
+    for (; i < to && i % LANES != 0; i++) {
+        x[i] -= column[i] * s;
+    }
     for (; i + LANES <= to; i += LANES) {
         lanes c, v;
         memcpy(&c, column + i, sizeof c);
@@ -207,14 +212,18 @@ INLINE int32_t lu(int32_t n, double *a, int32_t ld, int32_t *pivot) {
 /// sum column[i] x[i], i = from .. to-1, in four interleaved partial sums: ((0+2)+(1+3)) + tail
 INLINE double dot(const double *column, const double *x, int32_t from, int32_t to) {
     lanes sum = {0, 0, 0, 0};
+    double head = 0;
     int32_t i = from;
+    for (; i < to && i % LANES != 0; i++) { // as in subtract()
+        head += column[i] * x[i];
+    }
     for (; i + LANES <= to; i += LANES) {
         lanes c, v;
         memcpy(&c, column + i, sizeof c);
         memcpy(&v, x + i, sizeof v);
         sum += c * v;
     }
-    double total = (sum[0] + sum[2]) + (sum[1] + sum[3]);
+    double total = head + ((sum[0] + sum[2]) + (sum[1] + sum[3]));
     for (; i < to; i++) {
         total += column[i] * x[i];
     }
@@ -261,12 +270,26 @@ AVX2 static int32_t cholesky_avx2(int32_t n, int32_t first, double *a, int32_t l
 AVX2 static int32_t lu_avx2(int32_t n, double *a, int32_t ld, int32_t *pivot) {
     return lu(n, a, ld, pivot);
 }
+// without AVX the compiler passes 32-byte vectors through the stack: the solves gain most
+AVX2 static void lower_solve_avx2(int32_t n, const double *l, int32_t ld, double *x) {
+    lower_solve(n, l, ld, x);
+}
+AVX2 static void lower_solve_transposed_avx2(int32_t n, const double *l, int32_t ld, double *x) {
+    lower_solve_transposed(n, l, ld, x);
+}
+AVX2 static void lu_solve_avx2(int32_t n, const double *a, int32_t ld, const int32_t *pivot,
+                               double *x) {
+    lu_solve(n, a, ld, pivot, x);
+}
 static int have_avx2(void) {
     return __builtin_cpu_supports("avx2");
 }
 #else
 #define cholesky_avx2 cholesky
 #define lu_avx2 lu
+#define lower_solve_avx2 lower_solve
+#define lower_solve_transposed_avx2 lower_solve_transposed
+#define lu_solve_avx2 lu_solve
 static int have_avx2(void) {
     return 0;
 }
@@ -281,26 +304,39 @@ int32_t pal_dense_lu(int32_t n, double *a, int32_t ld, int32_t *pivot) {
 }
 
 void pal_dense_lower_solve(int32_t n, const double *l, int32_t ld, double *x) {
-    lower_solve(n, l, ld, x);
+    if (have_avx2()) {
+        lower_solve_avx2(n, l, ld, x);
+    } else {
+        lower_solve(n, l, ld, x);
+    }
 }
 
 void pal_dense_lower_solve_transposed(int32_t n, const double *l, int32_t ld, double *x) {
-    lower_solve_transposed(n, l, ld, x);
+    if (have_avx2()) {
+        lower_solve_transposed_avx2(n, l, ld, x);
+    } else {
+        lower_solve_transposed(n, l, ld, x);
+    }
 }
 
 void pal_dense_cholesky_solve(int32_t n, const double *l, int32_t ld, int32_t count, double *b,
                               int32_t ldb) {
     for (int32_t j = 0; j < count; j++) {
         double *x = b + (size_t)j * (size_t)ldb;
-        lower_solve(n, l, ld, x);
-        lower_solve_transposed(n, l, ld, x);
+        pal_dense_lower_solve(n, l, ld, x);
+        pal_dense_lower_solve_transposed(n, l, ld, x);
     }
 }
 
 void pal_dense_lu_solve(int32_t n, const double *a, int32_t ld, const int32_t *pivot, int32_t count,
                         double *b, int32_t ldb) {
     for (int32_t j = 0; j < count; j++) {
-        lu_solve(n, a, ld, pivot, b + (size_t)j * (size_t)ldb);
+        double *x = b + (size_t)j * (size_t)ldb;
+        if (have_avx2()) {
+            lu_solve_avx2(n, a, ld, pivot, x);
+        } else {
+            lu_solve(n, a, ld, pivot, x);
+        }
     }
 }
 

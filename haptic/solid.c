@@ -38,6 +38,12 @@ double pal_solid_distance(const pal_solid *solid, const double x[3]) {
     return sqrt(dot(p, p)) - solid->radius;
 }
 
+/// [near, far] becomes the hull of itself and [low, high].
+static inline void widen(double *near, double *far, double low, double high) {
+    *near = low < *near ? low : *near;
+    *far = high > *far ? high : *far;
+}
+
 /// Widen [near, far] by the interval of a ball.
 static int ball(const double p[3], const double d[3], double radius, double *near, double *far) {
     double b = dot(p, d);
@@ -47,8 +53,7 @@ static int ball(const double p[3], const double d[3], double radius, double *nea
         return 0;
     }
     double root = sqrt(room);
-    *near = fmin(*near, -b - root);
-    *far = fmax(*far, -b + root);
+    widen(near, far, -b - root, -b + root);
     return 1;
 }
 
@@ -86,8 +91,7 @@ int pal_solid_chord(const pal_solid *solid, const double x[3], const double d[3]
             for (int end = -1; end <= 1; end += 2) {
                 double s = (-b + end * sqrt(room)) / a;
                 if (fabs(along + s * slope) <= solid->half) {
-                    *near = fmin(*near, s);
-                    *far = fmax(*far, s);
+                    widen(near, far, s, s);
                     hit = 1;
                 }
             }

@@ -139,7 +139,7 @@ static void kept_factor_gives_the_bits_of_a_new_one(double skew) {
     void *memory[2];
     pal_active_set set[2];
     for (int k = 0; k < 2; k++) {
-        memory[k] = aligned_alloc(64, pal_active_set_bytes(CAPACITY));
+        memory[k] = aligned_alloc(64, pal_active_set_bytes(r.model, CAPACITY));
         pal_active_set_init(&set[k], r.model, CAPACITY, memory[k]);
     }
     assert_int_equal(set[0].symmetric, skew == 0.0);
