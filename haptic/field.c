@@ -11,8 +11,9 @@
 #endif
 
 enum {
-    SWEEP_GROUP = 9,   ///< columns per pass; nodal forces come in threes
-    SWEEP_ROWS = 2048, ///< rows per panel: 8 KiB of result in L1 (16 KiB in double)
+    SWEEP_GROUP = 12,         ///< columns per pass: as many pointers as there are registers for
+    SWEEP_ROWS = 4096,        ///< rows per panel: 16 KiB of result in L1
+    SWEEP_ROWS_DOUBLE = 2048, ///< the same in double storage
 };
 
 /// IEEE half to single, exact for every finite value (stored blocks hold no others). The subnormal

@@ -6,10 +6,10 @@
 ///   SWEEP_WIDTH     bytes of the wide type (16, 32, 64)
 ///   SWEEP_HALF(p, v) load SWEEP_WIDTH / 4 halves at p into the float vector v
 ///
-/// Blocking: a panel of PANEL rows of the result stays in L1 while the columns are swept over it,
-/// GROUP columns per pass, so that the panel is read and written once per GROUP columns and every
-/// column is read in long consecutive runs (the prefetcher's favourite). Nodal forces come in
-/// threes, so GROUP is a multiple of three and the remainder is swept by threes.
+/// Blocking: a panel of SWEEP_ROWS rows of the result stays in L1 while the columns are swept over
+/// it, SWEEP_GROUP columns per pass, so that the panel is read and written once per SWEEP_GROUP
+/// columns and every column is read in long consecutive runs (the prefetcher's favourite). Nodal
+/// forces come in threes, so the remainder is swept by sixes and threes.
 
 typedef float SWEEP(floats) __attribute__((vector_size(SWEEP_WIDTH), aligned(4), may_alias));
 typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8), may_alias));
@@ -17,7 +17,19 @@ typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8
 #define SWEEP_LOAD_FLOAT(p, v) ((v) = *(const SWEEP(floats) *)(const void *)(p))
 #define SWEEP_LOAD_DOUBLE(p, v) ((v) = *(const SWEEP(doubles) *)(const void *)(p))
 
-/// acc[i] += sum over `group` columns, rows [row, row + rows)
+#define SWEEP_LOOP(GROUP, VECTOR, LOAD, START)                                                     \
+    for (int64_t i = 0; i < rows; i += LANES) {                                                    \
+        VECTOR a = START;                                                                          \
+        _Pragma("GCC unroll 16") for (int g = 0; g < (GROUP); g++) {                               \
+            VECTOR c;                                                                              \
+            LOAD(column[g] + i, c);                                                                \
+            a += factor[g] * c;                                                                    \
+        }                                                                                          \
+        *(VECTOR *)(void *)(acc + i) = a;                                                          \
+    }
+
+/// acc[i] += sum over GROUP columns from `first`, rows [row, row + rows); acc starts from zero at the
+/// first column
 #define SWEEP_PASS(NAME, GROUP, ELEMENT, SCALAR, VECTOR, LOAD, FACTOR)                             \
     SWEEP_TARGET static void SWEEP(NAME)(const pal_field_job *job, int32_t first, int64_t row,     \
                                          int64_t rows, SCALAR *acc) {                              \
@@ -28,14 +40,10 @@ typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8
             column[g] = (const ELEMENT *)job->block + (int64_t)job->dof[first + g] * job->ld + row; \
             factor[g] = (VECTOR){0} + job->FACTOR[first + g];                                      \
         }                                                                                          \
-        for (int64_t i = 0; i < rows; i += LANES) {                                                \
-            VECTOR a = *(VECTOR *)(void *)(acc + i);                                               \
-            _Pragma("GCC unroll 16") for (int g = 0; g < (GROUP); g++) {                           \
-                VECTOR c;                                                                          \
-                LOAD(column[g] + i, c);                                                            \
-                a += factor[g] * c;                                                                \
-            }                                                                                      \
-            *(VECTOR *)(void *)(acc + i) = a;                                                      \
+        if (first == 0) {                                                                          \
+            SWEEP_LOOP(GROUP, VECTOR, LOAD, (VECTOR){0})                                           \
+        } else {                                                                                   \
+            SWEEP_LOOP(GROUP, VECTOR, LOAD, *(VECTOR *)(void *)(acc + i))                          \
         }                                                                                          \
     }
 
@@ -44,9 +52,14 @@ typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8
     SWEEP_TARGET static void SWEEP(NAME)(const pal_field_job *job, int64_t row, int64_t rows,      \
                                          SCALAR *acc) {                                            \
         int32_t k = 0;                                                                             \
-        memset(acc, 0, (size_t)rows * sizeof *acc);                                                \
+        if (job->count == 0) {                                                                     \
+            memset(acc, 0, (size_t)rows * sizeof *acc);                                            \
+        }                                                                                          \
         for (; k + SWEEP_GROUP <= job->count; k += SWEEP_GROUP) {                                  \
             SWEEP(PASS##_many)(job, k, row, rows, acc);                                            \
+        }                                                                                          \
+        for (; k + 6 <= job->count; k += 6) {                                                      \
+            SWEEP(PASS##_six)(job, k, row, rows, acc);                                             \
         }                                                                                          \
         for (; k + 3 <= job->count; k += 3) {                                                      \
             SWEEP(PASS##_three)(job, k, row, rows, acc);                                           \
@@ -64,30 +77,34 @@ typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8
 #define SWEEP_PASS_(NAME, GROUP, ...) SWEEP_PASS(NAME, GROUP, __VA_ARGS__)
 
 SWEEP_EXPAND(single_many, SWEEP_GROUP, SWEEP_SINGLE)
+SWEEP_EXPAND(single_six, 6, SWEEP_SINGLE)
 SWEEP_EXPAND(single_three, 3, SWEEP_SINGLE)
 SWEEP_EXPAND(single_one, 1, SWEEP_SINGLE)
 SWEEP_PANEL(panel_single, single, float)
 
 SWEEP_EXPAND(half_many, SWEEP_GROUP, SWEEP_HALVES)
+SWEEP_EXPAND(half_six, 6, SWEEP_HALVES)
 SWEEP_EXPAND(half_three, 3, SWEEP_HALVES)
 SWEEP_EXPAND(half_one, 1, SWEEP_HALVES)
 SWEEP_PANEL(panel_half, half, float)
 
 SWEEP_EXPAND(double_many, SWEEP_GROUP, SWEEP_DOUBLE)
+SWEEP_EXPAND(double_six, 6, SWEEP_DOUBLE)
 SWEEP_EXPAND(double_three, 3, SWEEP_DOUBLE)
 SWEEP_EXPAND(double_one, 1, SWEEP_DOUBLE)
 SWEEP_PANEL(panel_double, double, double)
 
 static void SWEEP(all)(const pal_field_job *job) {
-    for (int64_t row = 0; row < job->rows; row += SWEEP_ROWS) {
-        int64_t rows = job->rows - row < SWEEP_ROWS ? job->rows - row : SWEEP_ROWS;
+    int64_t panel = job->precision == PALPATE_PRECISION_DOUBLE ? SWEEP_ROWS_DOUBLE : SWEEP_ROWS;
+    for (int64_t row = 0; row < job->rows; row += panel) {
+        int64_t rows = job->rows - row < panel ? job->rows - row : panel;
         float *out = job->out + row;
         if (job->precision == PALPATE_PRECISION_SINGLE) {
             SWEEP(panel_single)(job, row, rows, out);
         } else if (job->precision == PALPATE_PRECISION_HALF) {
             SWEEP(panel_half)(job, row, rows, out);
         } else {
-            double acc[SWEEP_ROWS];
+            double acc[SWEEP_ROWS_DOUBLE];
             SWEEP(panel_double)(job, row, rows, acc);
             for (int64_t i = 0; i < rows; i++) {
                 out[i] = (float)acc[i];
@@ -99,6 +116,7 @@ static void SWEEP(all)(const pal_field_job *job) {
 #undef SWEEP_LOAD_FLOAT
 #undef SWEEP_LOAD_DOUBLE
 #undef SWEEP_PASS
+#undef SWEEP_LOOP
 #undef SWEEP_PASS_
 #undef SWEEP_EXPAND
 #undef SWEEP_PANEL
