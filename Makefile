@@ -182,7 +182,7 @@ tsan: ## build and run the tests with ThreadSanitizer
 	@$(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=tsan BUILD=$(BUILD)/tsan
 
 # ---- Benches ---------------------------------------------------------------------------------
-BENCH_AUX := $(call obj,$(wildcard bench/common.c))
+BENCH_AUX := $(call obj,$(wildcard bench/common.c) tests/support/synthetic_model.c)
 $(call obj,$(BENCH_SRC) $(wildcard bench/common.c)): EXTRA = $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) jansson) -isystem /usr/include/suitesparse
 $(BENCH_BIN): $(BUILD)/bench/%: $(BUILD)/obj/bench/%.o $(BENCH_AUX) $(OFFLINE_A) $(LIB_A)
 	@mkdir -p $(@D)
