@@ -5,6 +5,7 @@
 /// path), the program's version and the revision of its numerics. Tools and rates are not part of
 /// it.
 #include <errno.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,20 +17,53 @@
 /// Raise it when the same scene gives a different model (cloud, discretization, solution, storage).
 #define PALPATE_PHYSICS_REVISION 1
 
-static void vector(FILE *f, const char *name, const double v[3]) {
-    (void)fprintf(f, "%s%.17g %.17g %.17g\n", name, v[0], v[1], v[2]);
+/// Text that grows; once an allocation has failed nothing more is written.
+typedef struct text {
+    char *start;
+    size_t size, room;
+    int failed;
+} text;
+
+static void put(text *t, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+static void put(text *t, const char *format, ...) {
+    char line[512]; // the longest line has 17 digits of nine numbers
+    va_list args;
+    va_start(args, format);
+    int n = vsnprintf(line, sizeof line, format, args);
+    va_end(args);
+    if (n < 0 || (size_t)n >= sizeof line) {
+        t->failed = 1;
+    }
+    if (!t->failed && t->size + (size_t)n + 1 > t->room) {
+        size_t room = 2 * t->room + sizeof line;
+        char *grown = realloc(t->start, room);
+        t->failed = grown == NULL;
+        if (grown != NULL) {
+            t->start = grown;
+            t->room = room;
+        }
+    }
+    if (!t->failed) {
+        memcpy(t->start + t->size, line, (size_t)n + 1);
+        t->size += (size_t)n;
+    }
 }
 
-static void selectors(FILE *f, const char *name, const pal_selector_list *list) {
-    (void)fprintf(f, "%s %d\n", name, (int)list->count);
+static void vector(text *f, const char *name, const double v[3]) {
+    put(f, "%s%.17g %.17g %.17g\n", name, v[0], v[1], v[2]);
+}
+
+static void selectors(text *f, const char *name, const pal_selector_list *list) {
+    put(f, "%s %d\n", name, (int)list->count);
     for (int32_t i = 0; i < list->count; i++) {
         const pal_selector *s = &list->item[i];
         switch (s->kind) {
         case PALPATE_SELECT_ALL:
-            (void)fprintf(f, "  all\n");
+            put(f, "  all\n");
             break;
         case PALPATE_SELECT_BALL:
-            (void)fprintf(f, "  ball %.17g ", s->radius);
+            put(f, "  ball %.17g ", s->radius);
             vector(f, "", s->center);
             break;
         case PALPATE_SELECT_BOX:
@@ -38,85 +72,80 @@ static void selectors(FILE *f, const char *name, const pal_selector_list *list) 
             break;
         case PALPATE_SELECT_BELOW:
         case PALPATE_SELECT_ABOVE:
-            (void)fprintf(f, "  %s %c %.17g\n", s->kind == PALPATE_SELECT_BELOW ? "below" : "above",
-                          "xyz"[s->axis], s -> value);
+            put(f, "  %s %c %.17g\n", s->kind == PALPATE_SELECT_BELOW ? "below" : "above",
+                "xyz"[s->axis], s -> value);
             break;
         }
     }
 }
 
-static void geometry(FILE *f, const pal_geometry *g) {
+static void geometry(text *f, const pal_geometry *g) {
     switch (g->kind) {
     case PALPATE_GEOMETRY_BOX:
         vector(f, "geometry box ", g->size);
         vector(f, "  center ", g->center);
         break;
     case PALPATE_GEOMETRY_SPHERE:
-        (void)fprintf(f, "geometry sphere %.17g\n", g->radius);
+        put(f, "geometry sphere %.17g\n", g->radius);
         vector(f, "  center ", g->center);
         break;
     case PALPATE_GEOMETRY_HEMISPHERE:
-        (void)fprintf(f, "geometry hemisphere %.17g\n", g->radius);
+        put(f, "geometry hemisphere %.17g\n", g->radius);
         break;
     case PALPATE_GEOMETRY_FILE:
-        (void)fprintf(f, "geometry file scale %.17g\n", g->scale);
+        put(f, "geometry file scale %.17g\n", g->scale);
         break;
     }
 }
 
-static void body(FILE *f, const pal_scene *scene) {
+static void body(text *f, const pal_scene *scene) {
     geometry(f, &scene->geometry);
-    (void)fprintf(f, "spacing %.17g\ngrading %.17g\n", scene->spacing, scene->grading);
+    put(f, "spacing %.17g\ngrading %.17g\n", scene->spacing, scene->grading);
     for (int32_t i = 0; i < scene->refine_count; i++) {
         const pal_refine *z = &scene->refine[i];
         if (z->kind == PALPATE_REFINE_RIM) {
-            (void)fprintf(f, "refine %.17g rim %s\n", z->spacing, z->rim);
+            put(f, "refine %.17g rim %s\n", z->spacing, z->rim);
         } else {
-            (void)fprintf(f, "refine %.17g ball %.17g ", z->spacing, z->radius);
+            put(f, "refine %.17g ball %.17g ", z->spacing, z->radius);
             vector(f, "", z->center);
         }
     }
-    (void)fprintf(f, "young %.17g\npoisson %.17g\ndensity %.17g\n", scene->young, scene->poisson,
-                  scene->density);
+    put(f, "young %.17g\npoisson %.17g\ndensity %.17g\n", scene->young, scene->poisson,
+        scene->density);
     selectors(f, "fixed", &scene->fixed);
     selectors(f, "touchable", &scene->touchable);
     for (int32_t i = 0; i < scene->patch_count; i++) {
         const pal_scene_patch *p = &scene->patch[i];
-        (void)fprintf(f, "patch %s rim_spacing %.17g ", p->name, p->rim_spacing);
+        put(f, "patch %s rim_spacing %.17g ", p->name, p->rim_spacing);
         selectors(f, "", &p->where);
     }
     for (int32_t i = 0; i < scene->probe_count; i++) {
-        (void)fprintf(f, "probe %s ", scene->probe[i].name);
+        put(f, "probe %s ", scene->probe[i].name);
         vector(f, "", scene->probe[i].position);
     }
 }
 
 pal_status pal_scene_write_canonical(pal_scene *scene, pal_error *error) {
-    char *text = NULL;
-    size_t size = 0;
-    FILE *f = open_memstream(&text, &size);
-    if (f == NULL) {
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "%.300s: out of memory", scene->shown);
-    }
+    text out = {0};
+    text *f = &out;
     const pal_method *m = &scene->method;
-    (void)fprintf(f, "palpate %d\n", (int)scene->version);
+    put(f, "palpate %d\n", (int)scene->version);
     body(f, scene);
-    (void)fprintf(f,
-                  "method %d basis %d derivatives %d neighbours %d exponent %d fictitious %d "
-                  "volumetric %d form %d stabilization %.17g integration %d\n",
-                  (int)m->kind, (int)m->basis, (int)m->derivatives, (int)m->neighbours,
-                  (int)m->exponent, (int)m->fictitious, (int)m->volumetric, (int)m->form,
-                  m->stabilization, (int)m->integration);
-    (void)fprintf(f, "repair %d\ncertify %d\nstore %d precision %d tolerance %.17g\n",
-                  (int)scene->symmetrize, (int)scene->certify_warn, (int)scene->store_rows,
-                  (int)scene->precision, scene->store_tolerance);
-    int bad = ferror(f);
-    if (fclose(f) != 0 || bad) {
-        free(text);
+    put(f,
+        "method %d basis %d derivatives %d neighbours %d exponent %d fictitious %d "
+        "volumetric %d form %d stabilization %.17g integration %d\n",
+        (int)m->kind, (int)m->basis, (int)m->derivatives, (int)m->neighbours, (int)m->exponent,
+        (int)m->fictitious, (int)m->volumetric, (int)m->form, m->stabilization,
+        (int)m->integration);
+    put(f, "repair %d\ncertify %d\nstore %d precision %d tolerance %.17g\n", (int)scene->symmetrize,
+        (int)scene->certify_warn, (int)scene->store_rows, (int)scene->precision,
+        scene->store_tolerance);
+    if (out.failed) {
+        free(out.start);
         return pal_fail(error, PALPATE_ERROR_MEMORY, "%.300s: out of memory", scene->shown);
     }
     free(scene->canonical);
-    scene->canonical = text;
+    scene->canonical = out.start;
     return PALPATE_OK;
 }
 
@@ -126,8 +155,9 @@ static pal_status hash_file(pal_hash *hash, const pal_scene *scene, pal_error *e
     (void)pal_place_text(scene, &scene->geometry.place, where, sizeof where);
     FILE *file = fopen(scene->geometry.path, "rb");
     if (file == NULL) {
-        return pal_fail(error, PALPATE_ERROR_IO, "%.300s: %.400s cannot be read (%s)", where,
-                        scene->geometry.path, strerror(errno));
+        return pal_fail(error, errno == ENOMEM ? PALPATE_ERROR_MEMORY : PALPATE_ERROR_IO,
+                        "%.300s: %.400s cannot be read (%s)", where, scene->geometry.path,
+                        strerror(errno));
     }
     unsigned char buffer[8192];
     size_t n;

@@ -94,8 +94,8 @@ static pal_status read_file(const char *path, char **out, size_t *size, pal_erro
     }
     FILE *file = fopen(path, "rb");
     if (file == NULL) {
-        return pal_fail(error, PALPATE_ERROR_IO, "%.400s: cannot be read (%s)", path,
-                        strerror(errno));
+        return pal_fail(error, errno == ENOMEM ? PALPATE_ERROR_MEMORY : PALPATE_ERROR_IO,
+                        "%.400s: cannot be read (%s)", path, strerror(errno));
     }
     pal_status status = PALPATE_OK;
     char *text = malloc(PALPATE_SCENE_BYTES_MAX + 1);

@@ -363,6 +363,9 @@ static pal_status read_path(pal_reading *r, const pal_scene_key *key, const pal_
                            : "paths are relative to the scene file");
     }
     char *real = missing ? NULL : realpath(joined, NULL);
+    if (!missing && real == NULL && errno == ENOMEM) {
+        return pal_reading_memory(r);
+    }
     const char *path = real != NULL ? real : joined;
     int fits = strlen(path) < 1024;
     if (fits) {

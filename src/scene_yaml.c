@@ -121,7 +121,8 @@ static pal_status check_cost(reader *r, const char *text, size_t size) {
 
 static pal_status syntax_error(reader *r, const yaml_parser_t *parser, const char *text,
                                size_t size) {
-    if (parser->error == YAML_MEMORY_ERROR) {
+    // a failed allocation in the loader leaves no error at all (libyaml 0.2.5)
+    if (parser->error == YAML_MEMORY_ERROR || parser->error == YAML_NO_ERROR) {
         return pal_fail(r->error, PALPATE_ERROR_MEMORY, "%s: out of memory", r->tree->file);
     }
     yaml_mark_t mark = parser->problem_mark;
