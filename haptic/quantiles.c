@@ -52,6 +52,7 @@ void pal_histogram_clear(pal_histogram *histogram) {
 
 void pal_histogram_add(pal_histogram *histogram, int64_t ns) {
     // a single writer: load and store are enough, no locked instruction
+    // (a bucket that saturates, after 49 days at 1 kHz, only makes the tail look worse)
     _Atomic uint32_t *b = &histogram->bucket[bucket_of(ns)].count;
     uint32_t n = atomic_load_explicit(b, memory_order_relaxed);
     if (n != UINT32_MAX) {
@@ -64,37 +65,38 @@ void pal_histogram_add(pal_histogram *histogram, int64_t ns) {
     atomic_store_explicit(&histogram->total, total + 1, memory_order_relaxed);
 }
 
-int64_t pal_histogram_quantile(const pal_histogram *histogram, double p) {
+/// Several quantiles (p ascending) in one pass that ends at the last of them. A sample counted
+/// between the total and its bucket, while the writer runs, shifts a rank by one at most.
+static void quantiles(const pal_histogram *histogram, const double p[], int count, int64_t out[]) {
     int64_t max = atomic_load_explicit(&histogram->max, memory_order_relaxed);
-    uint64_t sum = 0;
-    if (histogram->bucket == NULL) {
-        return 0;
-    }
-    for (int32_t i = 0; i < BUCKETS; i++) {
-        sum += atomic_load_explicit(&histogram->bucket[i].count, memory_order_relaxed);
-    }
-    if (sum == 0) {
-        return 0;
-    }
-    double rank = ceil(p * (double)sum);
-    uint64_t want = rank < 1.0 ? 1 : (uint64_t)rank;
+    uint64_t total = atomic_load_explicit(&histogram->total, memory_order_relaxed);
     uint64_t seen = 0;
-    for (int32_t i = 0; i < BUCKETS - 1; i++) {
-        seen += atomic_load_explicit(&histogram->bucket[i].count, memory_order_relaxed);
-        if (seen >= want) {
-            int64_t top = bucket_top(i);
-            return top < max ? top : max;
+    int32_t bucket = -1;
+    for (int k = 0; k < count; k++) {
+        double rank = ceil(p[k] * (double)total);
+        uint64_t want = rank < 1.0 ? 1 : (uint64_t)rank;
+        while (total > 0 && seen < want && bucket < BUCKETS - 1) {
+            bucket++;
+            seen += atomic_load_explicit(&histogram->bucket[bucket].count, memory_order_relaxed);
         }
+        int64_t top = total == 0 ? 0 : bucket_top(bucket);
+        out[k] = total > 0 && (bucket == BUCKETS - 1 || top > max) ? max : top;
     }
-    return max;
+}
+
+int64_t pal_histogram_quantile(const pal_histogram *histogram, double p) {
+    int64_t value = 0;
+    quantiles(histogram, &p, 1, &value);
+    return value;
 }
 
 pal_quantiles pal_histogram_us(const pal_histogram *histogram) {
-    pal_quantiles q = {
-        .p50 = 1e-3 * (double)pal_histogram_quantile(histogram, 0.5),
-        .p99 = 1e-3 * (double)pal_histogram_quantile(histogram, 0.99),
-        .p999 = 1e-3 * (double)pal_histogram_quantile(histogram, 0.999),
+    int64_t ns[3];
+    quantiles(histogram, (const double[]){0.5, 0.99, 0.999}, 3, ns);
+    return (pal_quantiles){
+        .p50 = 1e-3 * (double)ns[0],
+        .p99 = 1e-3 * (double)ns[1],
+        .p999 = 1e-3 * (double)ns[2],
         .max = 1e-3 * (double)atomic_load_explicit(&histogram->max, memory_order_relaxed),
     };
-    return q;
 }

@@ -3,7 +3,8 @@
 /// HDF5 (all little endian, each dataset with unit and description):
 ///   /format /program /model_hash ...     what was run; /tool/K/... its tools
 ///   /ticks/NAME    one row per tick and tool, in the order recorded
-///   /frames/NAME   one row per frame; position and displacement of the surface, [frame, node, 3]
+///   /frames/NAME   one row per frame: tick, time, tools
+///   /frames/position/N, /frames/displacement/N   the surface of frame N (000000 on), [node, 3]
 ///   /surface/rest, /surface/triangles
 /// The XDMF companion points ParaView at /frames: a temporal collection of the deformed surface
 /// with its displacement, and one of the tools with their forces. The file is made beside its name
@@ -246,119 +247,117 @@ static pal_status write_surface(conversion *c, pal_error *error) {
     return status;
 }
 
-static pal_status declare_frames(conversion *c, pal_error *error) {
-    int64_t frames = (int64_t)c->frame_count, rows = c->frames_header.row_count;
-    int64_t tools = c->frames_header.tool_count;
+/// What is small about the frames, collected while they pass; shapes [frames, ...].
+typedef struct frame_table {
+    uint64_t *tick;
+    double *time, *place, *turn, *force; ///< (tools x 3, 4, 3)
+} frame_table;
+
+static void free_table(frame_table *t) {
+    free(t->tick);
+    free(t->time);
+    free(t->place);
+    free(t->turn);
+    free(t->force);
+}
+
+static pal_status make_table(frame_table *t, uint64_t frames, int32_t tools, pal_error *error) {
+    size_t n = (size_t)frames + 1, m = n * (size_t)tools;
+    *t = (frame_table){.tick = calloc(n, sizeof *t->tick),
+                       .time = calloc(n, sizeof *t->time),
+                       .place = calloc(3 * m, sizeof *t->place),
+                       .turn = calloc(4 * m, sizeof *t->turn),
+                       .force = calloc(3 * m, sizeof *t->force)};
+    if (t->tick == NULL || t->time == NULL || t->place == NULL || t->turn == NULL ||
+        t->force == NULL) {
+        free_table(t);
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "recording: no memory for %llu frames",
+                        (unsigned long long)frames);
+    }
+    return PALPATE_OK;
+}
+
+static pal_status write_table(conversion *c, const frame_table *t, pal_error *error) {
+    int64_t frames = (int64_t)c->frame_count, tools = c->frames_header.tool_count;
     const struct {
         const char *path;
         pal_h5_type type;
         int rank;
-        int64_t dims[3];
+        int64_t width;
+        const void *data;
         const char *unit, *description;
     } set[] = {
-        {"/frames/tick", PALPATE_H5_U64, 1, {frames}, "1", "tick of the frame"},
-        {"/frames/time", PALPATE_H5_F64, 1, {frames}, "s", "session time"},
-        {"/frames/position",
-         PALPATE_H5_F32,
-         3,
-         {frames, rows, 3},
-         "m",
-         "deformed surface, body frame"},
-        {"/frames/displacement",
-         PALPATE_H5_F32,
-         3,
-         {frames, rows, 3},
-         "m",
-         "displacement, body frame"},
-        {"/frames/tool_position",
-         PALPATE_H5_F64,
-         3,
-         {frames, tools, 3},
-         "m",
-         "tools' origins, body frame"},
-        {"/frames/tool_orientation",
-         PALPATE_H5_F64,
-         3,
-         {frames, tools, 4},
-         "1",
-         "quaternions w, x, y, z"},
-        {"/frames/tool_force",
-         PALPATE_H5_F64,
-         3,
-         {frames, tools, 3},
-         "N",
-         "forces on the tools, body frame"},
+        {"/frames/tick", PALPATE_H5_U64, 1, 0, t->tick, "1", "tick of the frame"},
+        {"/frames/time", PALPATE_H5_F64, 1, 0, t->time, "s", "session time"},
+        {"/frames/tool_position", PALPATE_H5_F64, 3, 3, t->place, "m", "tools, body frame"},
+        {"/frames/tool_orientation", PALPATE_H5_F64, 3, 4, t->turn, "1", "quaternions w, x, y, z"},
+        {"/frames/tool_force", PALPATE_H5_F64, 3, 3, t->force, "N", "on the tools, body frame"},
     };
     pal_status status = PALPATE_OK;
     for (size_t i = 0; status == PALPATE_OK && i < sizeof set / sizeof *set; i++) {
-        status = pal_h5_declare(c->file, set[i].path, set[i].type, set[i].rank, set[i].dims,
-                                set[i].unit, set[i].description, error);
+        status = pal_h5_write(c->file, set[i].path, set[i].type, set[i].rank,
+                              (const int64_t[]){frames, tools, set[i].width}, set[i].data,
+                              set[i].unit, set[i].description, error);
     }
     return status;
 }
 
-static pal_status write_frame(conversion *c, int64_t index, const char *item, float *position,
-                              pal_error *error) {
+static pal_status write_frame(conversion *c, frame_table *table, int64_t index, const char *item,
+                              float *position, pal_error *error) {
     const pal_frames_header *h = &c->frames_header;
     const pal_frame_head *head = (const pal_frame_head *)(const void *)item;
     const float *u = (const float *)(const void *)(item + sizeof *head);
     const double *rest = (const double *)(const void *)c->surface;
+    table->tick[index] = head->tick;
+    table->time[index] = 1e-9 * (double)head->time_ns;
+    for (int32_t t = 0; t < h->tool_count; t++) {
+        int64_t k = index * h->tool_count + t;
+        memcpy(table->place + 3 * k, head->tool_pose[t].position, 3 * sizeof(double));
+        memcpy(table->turn + 4 * k, head->tool_pose[t].orientation, 4 * sizeof(double));
+        memcpy(table->force + 3 * k, head->tool_force[t].force, 3 * sizeof(double));
+    }
     for (int64_t i = 0; i < 3 * (int64_t)h->row_count; i++) {
         position[i] = (float)(rest[i] + (double)u[i]);
     }
-    double place[3 * PALPATE_TOOLS_MAX], turn[4 * PALPATE_TOOLS_MAX], force[3 * PALPATE_TOOLS_MAX];
-    for (int32_t t = 0; t < h->tool_count; t++) {
-        memcpy(place + 3 * t, head->tool_pose[t].position, 3 * sizeof(double));
-        memcpy(turn + 4 * t, head->tool_pose[t].orientation, 4 * sizeof(double));
-        memcpy(force + 3 * t, head->tool_force[t].force, 3 * sizeof(double));
-    }
-    double time = 1e-9 * (double)head->time_ns;
-    const struct {
-        const char *path;
-        pal_h5_type type;
-        const void *data;
-    } set[] = {
-        {"/frames/tick", PALPATE_H5_U64, &head->tick},
-        {"/frames/time", PALPATE_H5_F64, &time},
-        {"/frames/position", PALPATE_H5_F32, position},
-        {"/frames/displacement", PALPATE_H5_F32, u},
-        {"/frames/tool_position", PALPATE_H5_F64, place},
-        {"/frames/tool_orientation", PALPATE_H5_F64, turn},
-        {"/frames/tool_force", PALPATE_H5_F64, force},
-    };
-    pal_status status = PALPATE_OK;
-    for (size_t i = 0; status == PALPATE_OK && i < sizeof set / sizeof *set; i++) {
-        status =
-            pal_h5_write_rows(c->file, set[i].path, set[i].type, index, 1, 0, set[i].data, error);
-    }
-    return status;
+    char path[64];
+    const int64_t dims[2] = {h->row_count, 3};
+    pal_xdmf_dataset("position", index, path, sizeof path);
+    pal_status status = pal_h5_write(c->file, path, PALPATE_H5_F32, 2, dims, position, "m",
+                                     "deformed surface, body frame", error);
+    pal_xdmf_dataset("displacement", index, path, sizeof path);
+    return status != PALPATE_OK ? status
+                                : pal_h5_write(c->file, path, PALPATE_H5_F32, 2, dims, u, "m",
+                                               "displacement, body frame", error);
 }
 
 /// Frames and the XDMF text that points at them.
 static pal_status write_frames(conversion *c, const char *h5_path, pal_error *error) {
-    pal_status status = write_surface(c, error);
-    if (status == PALPATE_OK) {
-        status = declare_frames(c, error);
+    frame_table table;
+    pal_status status = make_table(&table, c->frame_count, c->frames_header.tool_count, error);
+    if (status != PALPATE_OK) {
+        return status;
     }
     char *item = calloc(1, (size_t)c->frames.item_size);
     float *position = malloc(3 * sizeof(float) * ((size_t)c->frames_header.row_count + 1));
-    double *time = malloc(sizeof(double) * ((size_t)c->frame_count + 1));
-    if (item == NULL || position == NULL || time == NULL) {
-        status = pal_fail(error, PALPATE_ERROR_MEMORY, "recording: no memory for its frames");
-    }
+    status = item != NULL && position != NULL
+                 ? write_surface(c, error)
+                 : pal_fail(error, PALPATE_ERROR_MEMORY, "recording: no memory for a frame");
     int64_t done = 0, n = 1;
     while (status == PALPATE_OK && n > 0 && done < (int64_t)c->frame_count) {
         status = pal_raw_read(&c->frames, item, 1, &n, error);
         if (status == PALPATE_OK && n > 0) {
-            time[done] = 1e-9 * (double)((const pal_frame_head *)(const void *)item)->time_ns;
-            status = write_frame(c, done, item, position, error);
-            done++;
+            status = write_frame(c, &table, done++, item, position, error);
         }
+    }
+    if (status == PALPATE_OK) {
+        status = write_table(c, &table, error);
     }
     if (status == PALPATE_OK) {
         const pal_xdmf_series series = {.h5_path = h5_path,
                                         .frames = done,
-                                        .time = time,
+                                        .time = table.time,
+                                        .tool_position = table.place,
+                                        .tool_force = table.force,
                                         .rows = c->frames_header.row_count,
                                         .triangles = c->frames_header.triangle_count,
                                         .tools = c->frames_header.tool_count};
@@ -366,7 +365,7 @@ static pal_status write_frames(conversion *c, const char *h5_path, pal_error *er
     }
     free(item);
     free(position);
-    free(time);
+    free_table(&table);
     return status;
 }
 

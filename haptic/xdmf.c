@@ -47,19 +47,32 @@ static void put_escaped(FILE *out, const char *path) {
     }
 }
 
-/// One frame of a dataset [frames, rows, width].
-static void put_slab(FILE *out, const pal_xdmf_series *s, const char *dataset, int precision,
-                     int64_t frame, int32_t rows, int width) {
+void pal_xdmf_dataset(const char *name, int64_t frame, char *out, size_t size) {
+    (void)snprintf(out, size, "/frames/%s/%06lld", name, (long long)frame);
+}
+
+/// One frame's dataset [rows, 3] of singles.
+static void put_dataset(FILE *out, const pal_xdmf_series *s, const char *name, int64_t frame) {
+    char path[64];
+    pal_xdmf_dataset(name, frame, path, sizeof path);
     fprintf(out,
-            "          <DataItem ItemType=\"HyperSlab\" Dimensions=\"%d %d\">\n"
-            "            <DataItem Dimensions=\"3 3\" Format=\"XML\">%lld 0 0 1 1 1 1 %d "
-            "%d</DataItem>\n"
-            "            <DataItem Dimensions=\"%lld %d %d\" NumberType=\"Float\" Precision=\"%d\" "
+            "          <DataItem Dimensions=\"%d 3\" NumberType=\"Float\" Precision=\"4\" "
             "Format=\"HDF\">",
-            (int)rows, width, (long long)frame, (int)rows, width, (long long)s->frames, (int)rows,
-            width, precision);
+            (int)s->rows);
     put_escaped(out, s->h5_path);
-    fprintf(out, ":%s</DataItem>\n          </DataItem>\n", dataset);
+    fprintf(out, ":%s</DataItem>\n", path);
+}
+
+/// A few numbers [tools, 3] written out.
+static void put_numbers(FILE *out, const pal_xdmf_series *s, const double *value) {
+    fprintf(out,
+            "          <DataItem Dimensions=\"%d 3\" NumberType=\"Float\" Precision=\"8\" "
+            "Format=\"XML\">",
+            (int)s->tools);
+    for (int32_t i = 0; i < 3 * s->tools; i++) {
+        fprintf(out, "%s%.9g", i > 0 ? " " : "", value[i]);
+    }
+    fputs("</DataItem>\n", out);
 }
 
 static void put_surface(FILE *out, const pal_xdmf_series *s, int64_t frame) {
@@ -72,25 +85,30 @@ static void put_surface(FILE *out, const pal_xdmf_series *s, int64_t frame) {
     fputs(":/surface/triangles</DataItem>\n        </Topology>\n        <Geometry "
           "GeometryType=\"XYZ\">\n",
           out);
-    put_slab(out, s, "/frames/position", 4, frame, s->rows, 3);
+    put_dataset(out, s, "position", frame);
     fputs("        </Geometry>\n"
           "        <Attribute Name=\"displacement\" AttributeType=\"Vector\" Center=\"Node\">\n",
           out);
-    put_slab(out, s, "/frames/displacement", 4, frame, s->rows, 3);
+    put_dataset(out, s, "displacement", frame);
     fputs("        </Attribute>\n", out);
 }
 
 static void put_tools(FILE *out, const pal_xdmf_series *s, int64_t frame) {
     fprintf(out,
             "        <Topology TopologyType=\"Polyvertex\" NumberOfElements=\"%d\" "
-            "NodesPerElement=\"1\"/>\n"
-            "        <Geometry GeometryType=\"XYZ\">\n",
-            (int)s->tools);
-    put_slab(out, s, "/frames/tool_position", 8, frame, s->tools, 3);
+            "NodesPerElement=\"1\">\n"
+            "          <DataItem Dimensions=\"%d 1\" NumberType=\"Int\" Precision=\"4\" "
+            "Format=\"XML\">",
+            (int)s->tools, (int)s->tools);
+    for (int32_t i = 0; i < s->tools; i++) {
+        fprintf(out, "%s%d", i > 0 ? " " : "", (int)i);
+    }
+    fputs("</DataItem>\n        </Topology>\n        <Geometry GeometryType=\"XYZ\">\n", out);
+    put_numbers(out, s, s->tool_position + 3 * (int64_t)s->tools * frame);
     fputs("        </Geometry>\n"
           "        <Attribute Name=\"force\" AttributeType=\"Vector\" Center=\"Node\">\n",
           out);
-    put_slab(out, s, "/frames/tool_force", 8, frame, s->tools, 3);
+    put_numbers(out, s, s->tool_force + 3 * (int64_t)s->tools * frame);
     fputs("        </Attribute>\n", out);
 }
 

@@ -15,6 +15,7 @@ static const command commands[] = {
     {"info", command_info, "MODEL: what is in it, its certificate, its cost"},
     {"press", command_press, "SCENE|MODEL --patch NAME --by X,Y,Z: force of a bonded patch"},
     {"run", command_run, "SCENE|MODEL [--for S] [--freewheel] [--record FILE] [--snapshot PNG]: feel it"},
+    {"recover", command_recover, "FILE: the recording of a run that was killed"},
     {"doctor", command_doctor, "is this machine ready for real time?"},
     {"schema", command_schema, "every key of a scene"},
 };

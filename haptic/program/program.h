@@ -21,6 +21,7 @@ int command_press(int argc, char **argv);
 int command_schema(int argc, char **argv);
 int command_run(int argc, char **argv);
 int command_doctor(int argc, char **argv);
+int command_recover(int argc, char **argv);
 
 /// ---- Options every command takes (options.c) ---------------------------------------------------
 enum { OVERRIDES_MAX = 256 };

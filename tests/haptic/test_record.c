@@ -201,30 +201,36 @@ static void a_run_is_read_back_as_it_was(void **state) {
     }
 
     // frames: position = rest + displacement, and they move
-    int64_t rows[2], dims[3];
+    int64_t rows[2], frames = 0;
     assert_int_equal(pal_h5_dims(file, "/surface/rest", PALPATE_H5_F64, 2, rows, &e), PALPATE_OK);
-    assert_int_equal(pal_h5_dims(file, "/frames/displacement", PALPATE_H5_F32, 3, dims, &e),
-                     PALPATE_OK);
-    assert_int_equal(dims[0], 32);
-    assert_int_equal(dims[1], rows[0]);
+    assert_int_equal(pal_h5_dims(file, "/frames/tick", PALPATE_H5_U64, 1, &frames, &e), PALPATE_OK);
+    assert_int_equal(frames, 32);
     assert_true(rows[0] > 30);
-    size_t count = (size_t)(dims[0] * dims[1] * 3);
+    size_t count = (size_t)(rows[0] * 3);
     float *u = malloc(count * sizeof *u), *x = malloc(count * sizeof *x);
-    double *rest = malloc((size_t)rows[0] * 3 * sizeof *rest), time[32];
+    double *rest = malloc(count * sizeof *rest), time[32], tool_force[32][3];
     assert_true(u != NULL && x != NULL && rest != NULL);
-    read_all(file, "/frames/displacement", PALPATE_H5_F32, 3, dims, u);
-    read_all(file, "/frames/position", PALPATE_H5_F32, 3, dims, x);
     read_all(file, "/surface/rest", PALPATE_H5_F64, 2, rows, rest);
-    read_all(file, "/frames/time", PALPATE_H5_F64, 1, dims, time);
+    read_all(file, "/frames/time", PALPATE_H5_F64, 1, &frames, time);
+    read_all(file, "/frames/tool_force", PALPATE_H5_F64, 3, (const int64_t[]){32, 1, 3},
+             tool_force);
     float largest = 0;
-    for (size_t i = 0; i < count; i++) {
-        assert_true(x[i] == (float)(rest[i % (size_t)(3 * rows[0])] + (double)u[i]));
-        largest = u[i] < largest ? u[i] : largest;
+    for (int f = 0; f < 32; f++) {
+        char name[64];
+        (void)snprintf(name, sizeof name, "/frames/displacement/%06d", f);
+        read_all(file, name, PALPATE_H5_F32, 2, rows, u);
+        (void)snprintf(name, sizeof name, "/frames/position/%06d", f);
+        read_all(file, name, PALPATE_H5_F32, 2, rows, x);
+        for (size_t i = 0; i < count; i++) {
+            assert_true(x[i] == (float)(rest[i] + (double)u[i]));
+            largest = u[i] < largest ? u[i] : largest;
+        }
+        if (f < 31) { // every 33 ticks; the identity pose makes body and device frame the same
+            assert_true(time[f] > 0.033 * f - 1e-9 && time[f] < 0.033 * f + 1e-9);
+            assert_memory_equal(tool_force[f], force[33 * f], sizeof force[0]);
+        }
     }
     assert_true(largest < -1e-3f); // pressed 3 mm
-    for (int i = 0; i < 31; i++) {
-        assert_true(time[i] > 0.033 * i - 1e-9 && time[i] < 0.033 * i + 1e-9);
-    }
     int64_t triangles[2];
     assert_int_equal(pal_h5_dims(file, "/surface/triangles", PALPATE_H5_I32, 2, triangles, &e),
                      PALPATE_OK);
@@ -250,13 +256,13 @@ static void a_run_is_read_back_as_it_was(void **state) {
     size_t n = fread(xml, 1, sizeof xml - 1, f);
     fclose(f);
     xml[n] = 0;
-    assert_non_null(strstr(xml, ">run.h5:/frames/position<"));
+    assert_non_null(strstr(xml, ">run.h5:/frames/position/000031<"));
     assert_non_null(strstr(xml, "CollectionType=\"Temporal\""));
-    int frames = 0;
+    int grids = 0;
     for (const char *p = xml; (p = strstr(p, "<Grid Name=\"surface ")) != NULL; p++) {
-        frames++;
+        grids++;
     }
-    assert_int_equal(frames, 32);
+    assert_int_equal(grids, 32);
     assert_null(strstr(xml, folder));
 }
 

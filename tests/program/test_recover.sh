@@ -1,0 +1,56 @@
+#!/bin/sh
+# `palpate run --record` killed with SIGKILL, then `palpate recover`: the recording is there, the raw
+# files are gone, and a second run refuses to overwrite an unfinished recording.
+set -u
+work=$(mktemp -d); trap 'rm -rf "$work"' EXIT
+cat >"$work/scene.yaml" <<'EOF'
+palpate: 1
+body:
+  geometry: {box: {size: [0.04, 0.04, 0.02], center: [0, 0, -0.01]}}
+  spacing: 0.006
+  material: {young: 10e3, poisson: 0.4}
+  fixed: [{below: {z: -0.02}}]
+tools:
+  - name: probe
+    shape: {sphere: {radius: 0.006}}
+    device: {scripted: {kind: palpation, depth: 0.002, period: 0.5}}
+    start: [0, 0, 0.006]
+    axis: [0, 0, -1]
+EOF
+n=0; bad=0
+check() { # check NAME STATUS
+	n=$((n + 1))
+	if [ "$2" -eq 0 ]; then echo "ok $n - $1"; else echo "not ok $n - $1"; bad=1; fi
+}
+"$PALPATE" precompute "$work/scene.yaml" -o "$work/m.palpate" >"$work/log" 2>&1
+check "a small model" $?
+"$PALPATE" run "$work/m.palpate" --for 3600 --no-draw --record "$work/r.h5" >"$work/log" 2>&1 &
+pid=$!
+i=0; size=0
+while [ "$i" -lt 600 ] && [ "$size" -lt 100000 ]; do # some 340 records beyond the header
+	sleep 0.1; i=$((i + 1))
+	size=$(stat -c %s "$work/r.h5.ticks" 2>/dev/null || echo 0)
+done
+kill -9 "$pid"; wait "$pid" 2>/dev/null
+[ -e "$work/r.h5.ticks" ] && [ ! -e "$work/r.h5" ]
+check "a killed run leaves its raw files" $?
+! "$PALPATE" run "$work/m.palpate" --for 0.1 --freewheel --no-draw --record "$work/r.h5" >"$work/log" 2>&1 &&
+	grep -q "palpate recover" "$work/log"
+check "which no later run overwrites" $?
+"$PALPATE" recover "$work/r.h5" --json >"$work/json" 2>"$work/log"
+check "recover succeeds" $?
+records=$(sed -n 's/.*"records": *\([0-9]*\).*/\1/p' "$work/json" | head -1)
+[ "${records:-0}" -ge $(((size - 16384) / 248)) ]
+check "with every record that was on disk ($records)" $?
+grep -q '"complete": *false' "$work/json"
+check "and says that the run was killed" $?
+[ ! -e "$work/r.h5.ticks" ] && [ ! -e "$work/r.h5.frames" ] && [ -e "$work/r.xdmf" ]
+check "the raw files are gone, the companion is there" $?
+h5dump -H -d /ticks/force "$work/r.h5" | grep -q "( $records, 3 )"
+check "h5dump reads it" $?
+! "$PALPATE" recover "$work/r.h5" >"$work/log" 2>&1
+check "nothing is left to recover" $?
+"$PALPATE" run "$work/m.palpate" --for 0.1 --freewheel --no-draw --record "$work/r.h5" >"$work/log" 2>&1
+check "the next run records again" $?
+echo "1..$n"
+exit $bad
