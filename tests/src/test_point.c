@@ -263,6 +263,67 @@ static void linear_and_bending_states_pass_to_rounding(void **state) {
     assert_true(bending < 1e-9);
 }
 
+static void plates_and_needles_pass_or_are_refused_with_the_place(void **state) {
+    (void)state;
+    // one cell through the thickness: z^2 cannot be told from z without nodes outside
+    const double sizes[2][3] = {{1, 1, 0.05}, {0.05, 0.05, 1}};
+    const int cells[2][3] = {{12, 12, 1}, {1, 1, 16}};
+    for (int shape = 0; shape < 2; shape++) {
+        for (int fictitious = 0; fictitious < 2; fictitious++) {
+            problem p = {0};
+            pal_error e = {0};
+            pal_method m = {.basis = PALPATE_BASIS_QUADRATIC, .fictitious = fictitious};
+            assert_int_equal(pal_cloud_box(&p.cloud, sizes[shape], cells[shape], 0.0, 1, &e),
+                             PALPATE_OK);
+            p.fixed = calloc((size_t)p.cloud.node_count, 1);
+            for (int32_t i = 0; i < p.cloud.surface_count; i++) {
+                p.fixed[i] = p.cloud.position[3 * i + 2 - 2 * (shape == 0)] == 0.0;
+            }
+            pal_status status =
+                pal_point_build(&p.cloud, p.fixed, nu, &m, NULL, &p.system, &p.detail, &e);
+            if (!fictitious) {
+                assert_int_equal(status, PALPATE_ERROR_STENCIL);
+                assert_non_null(strstr(e.message, "rank"));
+                assert_non_null(strstr(e.message, "node 0"));
+            } else {
+                assert_int_equal(status, PALPATE_OK);
+                // the needle's bending is (20)^4 softer than its stretching, and its stencils (condition
+                // 5e6) leave 1e-12 in the entries
+                double tolerance = shape == 0 ? 1e-9 : 1e-5;
+                assert_true(reproduce(&p, linear_field) < tolerance);
+                assert_true(reproduce(&p, rigid_field) < tolerance);
+            }
+            drop(&p);
+        }
+    }
+}
+
+static void nearly_coincident_nodes_do_no_harm(void **state) {
+    (void)state;
+    pal_method m = {.basis = PALPATE_BASIS_QUADRATIC, .fictitious = 1};
+    const double size[3] = {1, 1, 1};
+    const int n[3] = {6, 6, 6};
+    problem p = {0};
+    pal_error e = {0};
+    assert_int_equal(pal_cloud_box(&p.cloud, size, n, 0.2, 3, &e), PALPATE_OK);
+    // two inner nodes 1e-6 spacings apart
+    int32_t a = p.cloud.surface_count + 60;
+    memcpy(p.cloud.position + 3 * (a + 1), p.cloud.position + 3 * a, 3 * sizeof(double));
+    p.cloud.position[3 * a + 4] += 1e-6 / 6;
+    p.fixed = calloc((size_t)p.cloud.node_count, 1);
+    for (int32_t i = 0; i < p.cloud.surface_count; i++) {
+        p.fixed[i] = p.cloud.position[3 * i + 2] == 0.0;
+    }
+    assert_int_equal(pal_point_build(&p.cloud, p.fixed, nu, &m, NULL, &p.system, &p.detail, &e),
+                     PALPATE_OK);
+    double linear = reproduce(&p, linear_field), bending = reproduce(&p, bending_field);
+    print_message("# nearly coincident nodes: linear %.1e, bending %.1e\n", linear, bending);
+    // second differences over 1e-6 of the spacing carry 1e-16 / 1e-12 in those nodes' rows
+    assert_true(linear < 1e-4);
+    assert_true(bending < 1e-4);
+    drop(&p);
+}
+
 static void diffuse_linear_is_refused(void **state) {
     (void)state;
     pal_method m = {.basis = PALPATE_BASIS_LINEAR, .derivatives = PALPATE_DERIVATIVES_DIFFUSE};
@@ -465,6 +526,8 @@ static void assembly_repeats_to_the_last_bit(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(linear_and_bending_states_pass_to_rounding),
+        cmocka_unit_test(plates_and_needles_pass_or_are_refused_with_the_place),
+        cmocka_unit_test(nearly_coincident_nodes_do_no_harm),
         cmocka_unit_test(diffuse_linear_is_refused),
         cmocka_unit_test(rigid_motion_needs_no_force_and_supports_react),
         cmocka_unit_test(quadratic_with_fictitious_nodes_converges_in_second_order),
