@@ -13,6 +13,7 @@
 #include <lapacke.h>
 
 #include "haptic/dense.h"
+#include "haptic/hash.h"
 
 // the same source without its AVX2 copy, under other names
 #define PALPATE_DENSE_BASELINE
@@ -292,6 +293,53 @@ static void both_instruction_sets_give_the_same_bits(void **state) {
     }
 }
 
+/// One hash over factors and solutions of 88 systems, the same for gcc 12 and clang 14 at -O0, -O2 and
+/// -O3 -march=native: a compiler flag that fuses or reorders fails here.
+static void results_have_their_golden_hash(void **state) {
+    (void)state;
+    pal_hash h;
+    pal_hash_init(&h, 32);
+    uint64_t s = 1;
+    for (int n = 1; n <= 130; n += 3) {
+        size_t bytes = sizeof(double) * (size_t)(n * n);
+        double *a = malloc(bytes), b[130];
+        int32_t pivot[130];
+        for (int k = 0; k < 2; k++) {
+            for (int i = 0; i < n * n; i++) {
+                s = s * 6364136223846793005u + 1442695040888963407u;
+                a[i] = (double)(int64_t)s / 9e18;
+            }
+            for (int i = 0; i < n; i++) {
+                b[i] = i - 3.3;
+            }
+            if (k == 0) {
+                for (int i = 0; i < n; i++) {
+                    for (int j = 0; j < i; j++) {
+                        a[j + i * n] = a[i + j * n];
+                    }
+                    a[i + i * n] += n;
+                }
+                assert_int_equal(pal_dense_cholesky(n, 0, a, n), 0);
+                pal_dense_cholesky_solve(n, a, n, 1, b, n);
+                if (n > 2) {
+                    pal_dense_cholesky_remove(n, 1, a, n);
+                }
+            } else {
+                assert_int_equal(pal_dense_lu(n, a, n, pivot), 0);
+                pal_dense_lu_solve(n, a, n, pivot, 1, b, n);
+            }
+            pal_hash_update(&h, a, bytes);
+            pal_hash_update(&h, b, (size_t)n * sizeof *b);
+        }
+        free(a);
+    }
+    uint8_t digest[32];
+    char hex[PALPATE_HASH_HEX];
+    pal_hash_final(&h, digest);
+    pal_hash_to_hex(digest, 32, hex);
+    assert_string_equal(hex, "15b2a0281217cc6d008862fec58f799fdf2ab66ab31e40d745733f13c97b088d");
+}
+
 static void refuses_what_is_not_positive_or_singular(void **state) {
     (void)state;
     for (int n = 1; n <= 40; n++) {
@@ -362,6 +410,7 @@ int main(void) {
         cmocka_unit_test(ill_conditioned_systems_stay_backward_stable),
         cmocka_unit_test(blocking_does_not_change_a_bit),
         cmocka_unit_test(both_instruction_sets_give_the_same_bits),
+        cmocka_unit_test(results_have_their_golden_hash),
         cmocka_unit_test(refuses_what_is_not_positive_or_singular),
         cmocka_unit_test(removing_an_unknown_gives_the_smaller_factor),
     };
