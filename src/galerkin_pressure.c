@@ -45,7 +45,7 @@ pal_status pal_pressure_create(pal_pressure *out, const pal_regions *tets, int32
                                double bulk, double compliance, pal_error *error) {
     memset(out, 0, sizeof *out);
     pal_blocks pattern = {0};
-    pal_status status = pal_blocks_create(&pattern, tets, node_count, error);
+    pal_status status = pal_blocks_create(&pattern, tets, NULL, node_count, error);
     if (status != PALPATE_OK) {
         return status;
     }

@@ -12,10 +12,7 @@
 
 #include "haptic/error.h"
 
-typedef struct part {
-    uint64_t key; ///< which region
-    int32_t tet;
-} part;
+typedef pal_region_part part;
 
 typedef struct tet_shape {
     double gradient[4][3];
@@ -95,6 +92,16 @@ static void list_parts(const pal_cloud *cloud, pal_region_kind kind, part *parts
     }
 }
 
+pal_region_part *pal_region_parts(const pal_cloud *cloud, pal_region_kind kind, size_t *count) {
+    *count = parts_per_tet(kind) * (size_t)cloud->tet_count;
+    part *parts = malloc(*count * sizeof *parts);
+    if (parts != NULL) {
+        list_parts(cloud, kind, parts);
+        qsort(parts, *count, sizeof *parts, part_compare);
+    }
+    return parts;
+}
+
 /// Sorted unique nodes of the tetrahedra of parts[from, to). @return their count
 static int32_t gather_nodes(const pal_cloud *cloud, const part *parts, size_t from, size_t to,
                             int32_t *seen, int32_t *node) {
@@ -115,8 +122,8 @@ static int32_t gather_nodes(const pal_cloud *cloud, const part *parts, size_t fr
     return count;
 }
 
-/// Which regions each node is in: a transposition by counting, so that regions ascend.
-static void transpose(pal_regions *r, int32_t node_count) {
+// A transposition by counting, so that each node's regions ascend.
+void pal_regions_transpose(pal_regions *r, int32_t node_count) {
     memset(r->at_node, 0, ((size_t)node_count + 1) * sizeof *r->at_node);
     for (int64_t k = 0; k < r->start[r->count]; k++) {
         r->at_node[r->node[k] + 1]++;
@@ -237,7 +244,7 @@ static pal_status regions_fill(pal_regions *r, const pal_cloud *cloud, const par
         (void)gather_nodes(cloud, parts, p, q, seen, r->node + r->start[f]);
         fill_region(r, f, cloud, parts, p, q, share, seen);
     }
-    transpose(r, cloud->node_count);
+    pal_regions_transpose(r, cloud->node_count);
     return PALPATE_OK;
 }
 
@@ -251,8 +258,8 @@ pal_status pal_regions_create(pal_regions *out, const pal_cloud *cloud, pal_regi
     if (status != PALPATE_OK) {
         return status;
     }
-    size_t per = parts_per_tet(kind), part_count = per * (size_t)cloud->tet_count;
-    part *parts = malloc(part_count * sizeof *parts);
+    size_t part_count;
+    part *parts = pal_region_parts(cloud, kind, &part_count);
     int32_t *seen = malloc((size_t)cloud->node_count * sizeof *seen);
     int32_t *node = malloc((size_t)cloud->node_count * sizeof *node);
     if (parts == NULL || seen == NULL || node == NULL) {
@@ -260,9 +267,8 @@ pal_status pal_regions_create(pal_regions *out, const pal_cloud *cloud, pal_regi
         goto done;
     }
     memset(seen, 0xff, (size_t)cloud->node_count * sizeof *seen);
-    list_parts(cloud, kind, parts);
-    qsort(parts, part_count, sizeof *parts, part_compare);
-    if (regions_fill(out, cloud, parts, part_count, 1.0 / (double)per, seen, node) != PALPATE_OK) {
+    double share = 1.0 / (double)parts_per_tet(kind);
+    if (regions_fill(out, cloud, parts, part_count, share, seen, node) != PALPATE_OK) {
         status = no_memory(error);
         goto done;
     }
@@ -296,8 +302,22 @@ void pal_regions_clear(pal_regions *r) {
     memset(r, 0, sizeof *r);
 }
 
-pal_status pal_blocks_create(pal_blocks *out, const pal_regions *r, int32_t node_count,
-                             pal_error *error) {
+/// Append the nodes that share a region with a to row; seen[b] == a marks those already there.
+static int32_t couple(const pal_regions *r, int32_t a, int32_t *seen, int32_t *row, int32_t count) {
+    for (int64_t k = r->at_node[a]; k < r->at_node[a + 1]; k++) {
+        int32_t f = r->region[k];
+        for (int64_t m = r->start[f]; m < r->start[f + 1]; m++) {
+            if (seen[r->node[m]] != a) {
+                seen[r->node[m]] = a;
+                row[count++] = r->node[m];
+            }
+        }
+    }
+    return count;
+}
+
+pal_status pal_blocks_create(pal_blocks *out, const pal_regions *regions, const pal_regions *more,
+                             int32_t node_count, pal_error *error) {
     memset(out, 0, sizeof *out);
     out->node_count = node_count;
     int32_t *seen = malloc((size_t)node_count * sizeof *seen);
@@ -309,16 +329,8 @@ pal_status pal_blocks_create(pal_blocks *out, const pal_regions *r, int32_t node
         int64_t total = 0;
         for (int32_t a = 0; a < node_count; a++) {
             int32_t *row = pass == 0 ? list : out->column + total;
-            int32_t count = 0;
-            for (int64_t k = r->at_node[a]; k < r->at_node[a + 1]; k++) {
-                int32_t f = r->region[k];
-                for (int64_t m = r->start[f]; m < r->start[f + 1]; m++) {
-                    if (seen[r->node[m]] != a) {
-                        seen[r->node[m]] = a;
-                        row[count++] = r->node[m];
-                    }
-                }
-            }
+            int32_t count = couple(regions, a, seen, row, 0);
+            count = more != NULL ? couple(more, a, seen, row, count) : count;
             if (pass == 1) {
                 qsort(row, (size_t)count, sizeof *row, index_compare);
             }

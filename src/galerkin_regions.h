@@ -14,6 +14,7 @@
 #ifndef PALPATE_SRC_GALERKIN_REGIONS_H
 #define PALPATE_SRC_GALERKIN_REGIONS_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 #include <palpate/status.h>
@@ -39,6 +40,18 @@ typedef struct pal_regions {
     double worst_point[3];  ///< centroid of that tetrahedron
 } pal_regions;
 
+/// A tetrahedron's part of a region; sorted by (key, tet), a region is a run of equal keys.
+typedef struct pal_region_part {
+    uint64_t key; ///< TET: the tetrahedron; PAIR: smaller node << 32 | larger node; NODE: the node
+    int32_t tet;
+} pal_region_part;
+
+/// The parts of all regions, sorted: 1, 6 or 4 per tetrahedron. Free with free(); NULL: no memory.
+pal_region_part *pal_region_parts(const pal_cloud *cloud, pal_region_kind kind, size_t *count);
+
+/// Fill at_node, region and local from start and node. Their arrays must be allocated.
+void pal_regions_transpose(pal_regions *regions, int32_t node_count);
+
 /// Cut the cloud's tetrahedra into regions.
 /// @return PALPATE_OK; _CLOUD (a tetrahedron without volume, a node of no tetrahedron: located),
 ///         _MEMORY (out is cleared). Cost: O(tets log tets).
@@ -54,9 +67,10 @@ typedef struct pal_blocks {
     double *value;   ///< (start[node_count] x 9) row-major blocks
 } pal_blocks;
 
-/// Zero matrix on the pattern of `regions`. @return PALPATE_OK or _MEMORY (out is cleared)
-pal_status pal_blocks_create(pal_blocks *out, const pal_regions *regions, int32_t node_count,
-                             pal_error *error);
+/// Zero matrix on the pattern of `regions` and of `more` (may be NULL).
+/// @return PALPATE_OK or _MEMORY (out is cleared)
+pal_status pal_blocks_create(pal_blocks *out, const pal_regions *regions, const pal_regions *more,
+                             int32_t node_count, pal_error *error);
 void pal_blocks_clear(pal_blocks *blocks);
 
 /// Add the strain energy of the regions' mean gradients: for nodes a, b of a region of volume V

@@ -7,8 +7,8 @@
 /// Trial functions are MLS on the cell's own nodes: with a linear basis and a tetrahedron's four nodes
 /// as stencil the moving least squares fit is the linear interpolant, whatever the weight, so the
 /// functions are continuous, h_J(x_K) = delta_JK, and a face between fixed nodes does not move. Wider
-/// stencils (12 nearest nodes) were measured: 6 % too stiff where these are within 1 %, on graded
-/// clouds. What makes them
+/// MLS functions (galerkin_trial.h, option neighbours) gain little for two to four times the nonzeros.
+/// What makes them
 /// accurate is the integration: the gradient is averaged exactly over each neighbour pair's region f
 /// (galerkin_regions.h) before it is squared. Unsmoothed linear functions are too stiff, those smoothed
 /// over a node's whole cell too soft; pair regions lie between, an order of magnitude closer to either
@@ -36,6 +36,9 @@
 #include "src/discretization.h"
 #include "src/galerkin_pressure.h"
 #include "src/galerkin_regions.h"
+#include "src/galerkin_trial.h"
+
+enum { DEFAULT_EXPONENT = 2 }; ///< p of the wide trial functions' weight
 
 typedef struct model {
     const pal_cloud *cloud;
@@ -210,8 +213,9 @@ static void report_stencils(const pal_regions *pairs, pal_stencil_report *out) {
 }
 
 /// Energy blocks and pressures.
-static pal_status build_model(model *m, pal_system *s, double poisson, pal_volumetric volumetric,
+static pal_status build_model(model *m, pal_system *s, double poisson, const pal_method *method,
                               double stabilization, const pal_progress *progress, pal_error *error) {
+    pal_volumetric volumetric = method->volumetric;
     double mu = 0.5 / (1.0 + poisson);
     double bulk = 1.0 / (3.0 * (1.0 - 2.0 * poisson));
     double on_pairs = volumetric == PALPATE_VOLUMETRIC_PLAIN ? bulk - 2.0 * mu / 3.0 : -2.0 * mu / 3.0;
@@ -221,15 +225,22 @@ static pal_status build_model(model *m, pal_system *s, double poisson, pal_volum
     if (status != PALPATE_OK) {
         return status;
     }
+    if (method->neighbours > 0) {
+        int32_t exponent = method->exponent > 0 ? method->exponent : DEFAULT_EXPONENT;
+        status = pal_regions_widen(&pairs, m->cloud, method->neighbours, exponent, &s->stencils, error);
+        if (status != PALPATE_OK) {
+            goto done;
+        }
+    }
     report_stencils(&pairs, &s->stencils);
     if (volumetric == PALPATE_VOLUMETRIC_NODAL) {
         status = pal_regions_create(&other, m->cloud, PALPATE_REGION_NODE, error);
     } else if (volumetric == PALPATE_VOLUMETRIC_MIXED) {
         status = pal_regions_create(&other, m->cloud, PALPATE_REGION_TET, error);
     }
-    if (status == PALPATE_OK) { // two nodes of a pair's region are both in its end node's star
+    if (status == PALPATE_OK) {
         status = pal_blocks_create(
-            &m->blocks, volumetric == PALPATE_VOLUMETRIC_NODAL ? &other : &pairs, n, error);
+            &m->blocks, &pairs, volumetric == PALPATE_VOLUMETRIC_NODAL ? &other : NULL, n, error);
     }
     if (status == PALPATE_OK) {
         status = pal_blocks_add_energy(&m->blocks, &pairs, mu, on_pairs, progress, 0.1, 0.6, error);
@@ -240,6 +251,7 @@ static pal_status build_model(model *m, pal_system *s, double poisson, pal_volum
     if (status == PALPATE_OK && volumetric == PALPATE_VOLUMETRIC_MIXED) {
         status = pal_pressure_create(&m->pressure, &other, n, bulk, stabilization / mu, error);
     }
+done:
     pal_regions_clear(&pairs);
     pal_regions_clear(&other);
     return status;
@@ -262,12 +274,33 @@ static pal_status check_arguments(const pal_cloud *cloud, const uint8_t *fixed, 
                         "galerkin: volumetric is %d; choose plain, nodal or mixed",
                         (int)method->volumetric);
     }
+    if (method->basis != 0 && method->basis != PALPATE_BASIS_LINEAR) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "galerkin: basis is %s; only linear is built (quadratic trial functions on pair "
+                        "regions were measured and are less accurate); remove it",
+                        method->basis == PALPATE_BASIS_QUADRATIC ? "quadratic" : "cubic");
+    }
     if (method->stabilization > 1e6 || isnan(method->stabilization)) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
                         "galerkin: stabilization is %g; it must be from 0 to 1e6, 1 is the default",
                         method->stabilization);
     }
     return PALPATE_OK;
+}
+
+static void describe(const pal_method *method, double stabilization, pal_system *out) {
+    static const char *const names[] = {"plain", "nodal", "mixed"};
+    int n = snprintf(out->options, sizeof out->options, "kind=galerkin, basis=linear, volumetric=%s",
+                     names[method->volumetric]);
+    if (method->volumetric == PALPATE_VOLUMETRIC_MIXED) {
+        n += snprintf(out->options + n, sizeof out->options - (size_t)n, ", stabilization=%g",
+                      stabilization);
+    }
+    if (method->neighbours > 0) {
+        (void)snprintf(out->options + n, sizeof out->options - (size_t)n,
+                       ", neighbours=%d, exponent=%d", method->neighbours,
+                       method->exponent > 0 ? method->exponent : DEFAULT_EXPONENT);
+    }
 }
 
 pal_status pal_method_galerkin(const pal_cloud *cloud, const uint8_t *fixed, double poisson,
@@ -285,7 +318,7 @@ pal_status pal_method_galerkin(const pal_cloud *cloud, const uint8_t *fixed, dou
         status = no_memory(error);
         goto done;
     }
-    status = build_model(&m, out, poisson, volumetric, stabilization, progress, error);
+    status = build_model(&m, out, poisson, method, stabilization, progress, error);
     if (status != PALPATE_OK) {
         goto done;
     }
@@ -297,14 +330,7 @@ pal_status pal_method_galerkin(const pal_cloud *cloud, const uint8_t *fixed, dou
     }
     out->symmetric = 1;
     out->positive = volumetric != PALPATE_VOLUMETRIC_MIXED;
-    static const char *const names[] = {"plain", "nodal", "mixed"};
-    if (volumetric == PALPATE_VOLUMETRIC_MIXED) {
-        (void)snprintf(out->options, sizeof out->options,
-                       "kind=galerkin, basis=linear, volumetric=mixed, stabilization=%g", stabilization);
-    } else {
-        (void)snprintf(out->options, sizeof out->options,
-                       "kind=galerkin, basis=linear, volumetric=%s", names[volumetric]);
-    }
+    describe(method, stabilization, out);
 done:
     pal_blocks_clear(&m.blocks);
     pal_pressure_clear(&m.pressure);

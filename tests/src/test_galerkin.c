@@ -18,6 +18,15 @@ static const double UNIT[3] = {1, 1, 1};
 static const double RATIOS[] = {-0.5, 0.0, 0.3, 0.45, 0.49, 0.499, 0.4999};
 enum { RATIO_COUNT = sizeof RATIOS / sizeof *RATIOS };
 
+/// Every form of the method; the last one with MLS trial functions on overlapping spheres.
+enum { FORM_COUNT = 4 };
+static pal_method form(int k) {
+    return (pal_method){.kind = PALPATE_METHOD_GALERKIN,
+                        .volumetric = k < 3 ? (pal_volumetric)k : PALPATE_VOLUMETRIC_MIXED,
+                        .stabilization = -1,
+                        .neighbours = k == 3 ? 18 : 0};
+}
+
 static pal_method method_of(pal_volumetric volumetric, double stabilization) {
     return (pal_method){.kind = PALPATE_METHOD_GALERKIN,
                         .volumetric = volumetric,
@@ -97,12 +106,12 @@ static double largest(const double *x, int64_t n) {
 
 static void matrix_is_exactly_symmetric(void **state) {
     (void)state;
-    for (int v = PALPATE_VOLUMETRIC_PLAIN; v <= PALPATE_VOLUMETRIC_MIXED; v++) {
+    for (int f = 0; f < FORM_COUNT; f++) {
         pal_cloud c;
         box(&c, (const double[3]){1.0, 0.7, 0.6}, 4, 3, 3, 0.25);
         uint8_t *fixed = hold(&c, 2);
         pal_system s;
-        build(&c, fixed, 0.45, method_of((pal_volumetric)v, -1), &s);
+        build(&c, fixed, 0.45, form(f), &s);
         assert_int_equal(s.symmetric, 1);
         double *k = dense(&s.matrix);
         int32_t n = s.unknown_count;
@@ -123,12 +132,13 @@ static void matrix_is_exactly_symmetric(void **state) {
 
 /// Linear field u = A x + b with its constant pressure; the force it must give at every node is
 /// sigma times the node's area vector, zero inside: the patch test, rigid motion (A skew) included.
-static void linear_residual(double nu, pal_volumetric v, const double a[9]) {
+static void linear_residual(double nu, pal_method method, const double a[9]) {
+    pal_volumetric v = method.volumetric;
     pal_cloud c;
     box(&c, (const double[3]){1.0, 0.8, 0.6}, 5, 4, 3, 0.3);
     uint8_t *fixed = hold(&c, -1);
     pal_system s;
-    build(&c, fixed, nu, method_of(v, -1), &s);
+    build(&c, fixed, nu, method, &s);
     double mu = 0.5 / (1 + nu), bulk = 1 / (3 * (1 - 2 * nu)), trace = a[0] + a[4] + a[8];
     double *u = zeros((size_t)s.unknown_count), *r = zeros((size_t)s.unknown_count);
     for (int32_t k = 0; k < c.node_count; k++) {
@@ -166,10 +176,10 @@ static void linear_fields_and_rigid_motions_are_exact(void **state) {
     (void)state;
     const double stretch[9] = {0.3, -0.2, 0.5, 0.1, -0.4, 0.2, 0.6, 0.7, 0.25};
     const double rotation[9] = {0, -0.3, 0.2, 0.3, 0, -0.5, -0.2, 0.5, 0};
-    for (int v = PALPATE_VOLUMETRIC_PLAIN; v <= PALPATE_VOLUMETRIC_MIXED; v++) {
+    for (int f = 0; f < FORM_COUNT; f++) {
         for (int k = 0; k < RATIO_COUNT; k++) {
-            linear_residual(RATIOS[k], (pal_volumetric)v, stretch);
-            linear_residual(RATIOS[k], (pal_volumetric)v, rotation);
+            linear_residual(RATIOS[k], form(f), stretch);
+            linear_residual(RATIOS[k], form(f), rotation);
         }
     }
 }
@@ -240,13 +250,13 @@ static double *compliance(const pal_cloud *c, const pal_system *s, int32_t *size
 
 static void compliance_is_reciprocal_and_positive(void **state) {
     (void)state;
-    for (int v = PALPATE_VOLUMETRIC_NODAL; v <= PALPATE_VOLUMETRIC_MIXED; v++) {
+    for (int v = 0; v < FORM_COUNT; v++) {
         for (int k = 0; k < RATIO_COUNT; k++) {
             pal_cloud c;
             box(&c, UNIT, 4, 4, 4, 0.3);
             uint8_t *fixed = hold(&c, 2);
             pal_system s;
-            build(&c, fixed, RATIOS[k], method_of((pal_volumetric)v, -1), &s);
+            build(&c, fixed, RATIOS[k], form(v), &s);
             int32_t m;
             double *a = compliance(&c, &s, &m);
             double skew = 0.0, norm = 0.0;
@@ -369,6 +379,38 @@ static void nearly_incompressible_bodies_do_not_lock(void **state) {
     assert_true(plain < 0.7); // the test can fail: without the pressures the beam locks
 }
 
+/// Wider trial functions converge to the same solution: the forms differ by discretization error only.
+static void wide_trial_functions_agree(void **state) {
+    (void)state;
+    double answer[2];
+    for (int wide = 0; wide < 2; wide++) {
+        pal_cloud c;
+        box(&c, UNIT, 6, 6, 6, 0.2);
+        uint8_t *fixed = hold(&c, 2);
+        pal_system s;
+        build(&c, fixed, 0.49, form(wide ? 3 : 2), &s);
+        double *u = zeros((size_t)s.unknown_count), sum = 0.0;
+        for (int32_t i = 0; i < c.surface_count; i++) {
+            if (c.position[3 * i + 2] > 1 - 1e-9) {
+                u[s.dof_unknown[3 * i]] = c.area[i];
+            }
+        }
+        solve(&s.matrix, s.positive, 1, u);
+        for (int32_t i = 0; i < c.surface_count; i++) {
+            if (c.position[3 * i + 2] > 1 - 1e-9) {
+                sum += c.area[i] * u[s.dof_unknown[3 * i]];
+            }
+        }
+        answer[wide] = sum;
+        free(u);
+        free(fixed);
+        pal_system_clear(&s);
+        pal_cloud_clear(&c);
+    }
+    assert_true(answer[1] != answer[0]); // the option does something
+    assert_near(answer[1] / answer[0], 1.0, 0.02);
+}
+
 /// ---- Stability -----------------------------------------------------------------------------
 
 /// Numerical inf-sup (Chapelle, Bathe 1993) on a cube clamped all round, n cells a side: smallest
@@ -488,6 +530,13 @@ static void bad_input_is_refused(void **state) {
     assert_non_null(strstr(e.message, "0.5"));
     assert_int_equal(pal_method_galerkin(&c, fixed, NAN, &m, NULL, &s, &e), PALPATE_ERROR_ARGUMENT);
     assert_int_equal(pal_method_galerkin(&c, fixed, -1.0, &m, NULL, &s, &e), PALPATE_ERROR_ARGUMENT);
+    m.basis = PALPATE_BASIS_QUADRATIC;
+    assert_int_equal(pal_method_galerkin(&c, fixed, 0.3, &m, NULL, &s, &e), PALPATE_ERROR_ARGUMENT);
+    assert_non_null(strstr(e.message, "quadratic"));
+    m.basis = PALPATE_BASIS_LINEAR;
+    m.neighbours = 3;
+    assert_int_equal(pal_method_galerkin(&c, fixed, 0.3, &m, NULL, &s, &e), PALPATE_ERROR_ARGUMENT);
+    m.neighbours = 0;
     pal_progress p = {cancel, NULL};
     assert_int_equal(pal_method_galerkin(&c, fixed, 0.3, &m, &p, &s, &e), PALPATE_ERROR_CANCELLED);
     int32_t t = c.tet[0];
@@ -515,6 +564,7 @@ int main(void) {
         cmocka_unit_test(reactions_balance_force_and_moment),
         cmocka_unit_test(cantilever_converges_to_the_reference),
         cmocka_unit_test(nearly_incompressible_bodies_do_not_lock),
+        cmocka_unit_test(wide_trial_functions_agree),
         cmocka_unit_test(pressure_is_stable),
         cmocka_unit_test(answer_does_not_depend_on_scale),
         cmocka_unit_test(bad_input_is_refused),
