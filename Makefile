@@ -159,6 +159,24 @@ $(PROGRAM): $(PROGRAM_OBJ) $(VIEW_A) $(LIB_SO) $(OFFLINE_SO)
 	$(Q)$(CC) $(SANITIZE) -rdynamic $(RPATH) $(PROGRAM_OBJ) $(VIEW_A) -L$(BUILD) -l:libpalpate.so.$(ABI) $(PROGRAM_LIBS) $(ONLINE_LIBS) $(LDFLAGS) -o $@
 endif
 
+# ---- Demo ------------------------------------------------------------------------------------
+demo: deps ## install what is missing, build, precompute the default scene, replay 10 s at 1 kHz
+	@$(MAKE) --no-print-directory -j$(JOBS) build-all
+	@$(MAKE) --no-print-directory run-demo
+
+.PHONY: run-demo
+run-demo:
+	@echo "== precompute scenes/hemisphere.yaml (cached after the first time)"
+	@$(PROGRAM) precompute scenes/hemisphere.yaml
+	@echo
+	@echo "== replay of a press, 10 s at 1 kHz with the render thread, in slices alternating with a bare loop"
+	@$(PROGRAM) run scenes/hemisphere.yaml --for 10 --reference 1 --snapshot $(BUILD)/demo.png
+	@echo
+	@echo "== the same 10 s in freewheel: every tick evaluated, as fast as it goes"
+	@$(PROGRAM) run scenes/hemisphere.yaml --for 10 --freewheel --no-draw
+	@echo
+	@echo "look at $(BUILD)/demo.png; next: $(PROGRAM) view scenes/organ.yaml --mouse"
+
 # ---- Tests: every tests/*/test_*.c is a cmocka program, every test_*.sh prints TAP --------------
 TEST_AUX_OBJ := $(call obj,$(TEST_AUX))
 $(call obj,$(TEST_SRC) $(TEST_AUX)): EXTRA = $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) $(PROGRAM_PC)) -isystem /usr/include/suitesparse

@@ -20,6 +20,7 @@ int command_info(int argc, char **argv);
 int command_press(int argc, char **argv);
 int command_schema(int argc, char **argv);
 int command_run(int argc, char **argv);
+int command_view(int argc, char **argv);
 int command_doctor(int argc, char **argv);
 int command_recover(int argc, char **argv);
 
