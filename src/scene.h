@@ -109,7 +109,8 @@ struct pal_scene {
     char **warning;
 };
 
-/// Format "file:line:column: key" of a place into `out`. @return out
+/// Format "file:line:column: key" of a place into `out`; "--set path=value: key" for an override, and
+/// only the file when the value is a default or place is NULL. @return out
 char *pal_place_text(const pal_scene *scene, const pal_place *place, char *out, size_t size);
 
 /// Add a warning to the scene (located; place NULL: about the scene as a whole). Returns PALPATE_OK or _MEMORY.

@@ -12,6 +12,10 @@
 #include "src/scene_schema.h"
 
 char *pal_place_text(const pal_scene *scene, const pal_place *place, char *out, size_t size) {
+    const pal_place nowhere = {0};
+    if (place == NULL) {
+        place = &nowhere;
+    }
     const char *colon = place->key[0] != 0 ? ": " : "";
     if (place->set > 0 && place->set <= scene->override_count) {
         (void)snprintf(out, size, "--set %s%s%s", scene->override[place->set - 1], colon,

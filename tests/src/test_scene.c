@@ -529,6 +529,9 @@ static void warnings_are_located(void **state) {
     assert_non_null(strstr(pal_scene_warning(s, 1), "tools[0].device.replay: "));
     assert_non_null(strstr(pal_scene_warning(s, 1), "nowhere.csv cannot be read"));
     assert_null(pal_scene_warning(s, 2));
+    assert_int_equal(pal_scene_warn(s, NULL, "all of it: %d", 3), PALPATE_OK);
+    assert_non_null(strstr(pal_scene_warning(s, 2), "scene.yaml: all of it: 3"));
+    assert_null(pal_scene_warning(s, 3));
     assert_null(pal_scene_warning(s, -1));
     pal_scene_free(s);
 }
