@@ -150,21 +150,18 @@ static void keep_peaks(pal_servo *servo, const pal_tool_force *f) {
     }
 }
 
-/// The field, unless it would not be over by `limit` [ns, 0: no limit]. The estimate follows a rise
-/// at once (up to two periods: one pre-empted field must not freeze the picture for long) and falls
-/// slowly, also while skipping, so that the field is tried again.
+/// The field, unless the period is too short for it. @param limit  it must be over by then [ns]; 0:
+/// no limit. @return 1 when it ran
 static int run_field(pal_servo *servo, int64_t start, int64_t limit, int64_t *end) {
-    if (limit != 0 && start + servo->field_estimate > limit) {
-        servo->field_estimate -= servo->field_estimate / 64 + 1;
-        *end = start;
+    *end = start;
+    if (limit != 0 && !pal_pace_allows(&servo->pace, limit - start)) {
         return 0;
     }
     pal_engine_field(servo->engine);
     *end = pal_rt_now();
-    int64_t took = *end - start, most = 2 * servo->period_ns;
-    took = took < most ? took : most;
-    int64_t faded = servo->field_estimate - servo->field_estimate / 64;
-    servo->field_estimate = took > faded ? took : faded;
+    if (limit != 0) {
+        pal_pace_ran(&servo->pace, *end - start, limit - start);
+    }
     return 1;
 }
 
@@ -308,6 +305,7 @@ static void run_freewheel(pal_servo *servo) {
 
 void pal_servo_run(pal_servo *servo) {
     atomic_store_explicit(&servo->running, 1, memory_order_release);
+    pal_pace_init(&servo->pace, servo->period_ns);
     for (int32_t i = 0; i < servo->tool_count; i++) {
         servo->last[i].orientation[0] = 1.0;
     }

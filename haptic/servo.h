@@ -22,6 +22,7 @@
 
 #include <palpate/session.h>
 
+#include "haptic/pace.h"
 #include "haptic/pose.h"
 #include "haptic/quantiles.h"
 #include "haptic/realtime.h"
@@ -69,7 +70,7 @@ typedef struct pal_servo {
     pal_histogram bare_lateness;
 
     // the loop's own
-    int64_t field_estimate; ///< what the field is expected to take [ns]
+    pal_pace pace; ///< of the field
     pal_tool_state last[PALPATE_TOOLS_MAX];
 } pal_servo;
 
