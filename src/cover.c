@@ -11,9 +11,10 @@
 /// The paper relies on evenly graded meshes for a satisfactory cover; here it is made sure. Each
 /// tetrahedron is to be covered by the spheres of its own vertices. It is cut into a lattice of
 /// PIECES steps per edge; a point of it lies within reach = sqrt(3/8) longest / PIECES of a lattice
-/// point (Jung's theorem in three dimensions), so it suffices that each lattice point p has a vertex
-/// i with |p - x_i| + reach <= r_i. Where none has, all four radii are enlarged by the factor that
-/// makes it so; a node takes the largest factor of its tetrahedra. Larger radii never uncover.
+/// point (Jung's theorem in three dimensions), so it suffices that each lattice point p has a
+/// vertex i with |p - x_i| + reach <= r_i. Where none has, all four radii are enlarged by the
+/// factor that makes it so; a node takes the largest factor of its tetrahedra. Larger radii never
+/// uncover.
 #include "src/cover.h"
 
 #include <math.h>
@@ -134,8 +135,8 @@ pal_status pal_cover_build(const pal_cloud *cloud, pal_cover *out, pal_error *er
     for (int32_t i = 0; i < n && status == PALPATE_OK; i++) {
         if (count[i] == 0 || !(out->radius[i] > 0.0)) {
             status = pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                              "cover: node %d at (%g, %g, %g) has no tetrahedron of positive size", i,
-                              at(cloud, i)[0], at(cloud, i)[1], at(cloud, i)[2]);
+                              "cover: node %d at (%g, %g, %g) has no tetrahedron of positive size",
+                              i, at(cloud, i)[0], at(cloud, i)[1], at(cloud, i)[2]);
         }
         work[i] = 1.0;
     }

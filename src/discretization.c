@@ -63,8 +63,8 @@ int32_t pal_interpolate_nodes(const double *position, int32_t node_count, const 
     pal_mls mls = {0};
     pal_mls_options options = {
         .basis = PALPATE_BASIS_LINEAR, .exponent = 2, .order = 0, .accept_deficient = 1};
-    pal_status status = pal_mls_shape(&mls, &options, x, 1.2 * sqrt(last), count, gathered, phi,
-                                      NULL, NULL, NULL);
+    pal_status status =
+        pal_mls_shape(&mls, &options, x, 1.2 * sqrt(last), count, gathered, phi, NULL, NULL, NULL);
     pal_mls_clear(&mls);
     if (status != PALPATE_OK) {
         return status;
@@ -82,21 +82,23 @@ int32_t pal_interpolate(const pal_cloud *cloud, const double x[3], int32_t capac
 }
 
 pal_status pal_discretize(const pal_cloud *cloud, const uint8_t *fixed, double poisson,
-                          const pal_method *method, const pal_progress *progress,
-                          pal_system *out, pal_error *error) {
+                          const pal_method *method, const pal_progress *progress, pal_system *out,
+                          pal_error *error) {
     if (out == NULL) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT, "discretization: no system to build into");
     }
     memset(out, 0, sizeof *out);
     if (cloud == NULL || cloud->node_count <= 0 || fixed == NULL || method == NULL) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "discretization: a cloud with nodes, the fixed flags and a method are needed");
+        return pal_fail(
+            error, PALPATE_ERROR_ARGUMENT,
+            "discretization: a cloud with nodes, the fixed flags and a method are needed");
     }
     if (!(poisson > -1.0 && poisson < 0.5)) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "discretization: Poisson's ratio %g must lie between -1 and 0.5; for a nearly "
-                        "incompressible body use 0.49 to 0.4999 with method: {kind: galerkin}",
-                        poisson);
+        return pal_fail(
+            error, PALPATE_ERROR_ARGUMENT,
+            "discretization: Poisson's ratio %g must lie between -1 and 0.5; for a nearly "
+            "incompressible body use 0.49 to 0.4999 with method: {kind: galerkin}",
+            poisson);
     }
     switch (method->kind) {
     case PALPATE_METHOD_POINT:

@@ -11,12 +11,13 @@
 /// along its normal, and div sigma = 0 is collocated at that surface node as well; the extra nodes
 /// make the boundary's stencils two-sided.
 ///
-/// Forces and sharp edges: the unknown of the online stage is the nodal force F, so the traction row
-/// divides it by an area. Where faces meet, no single normal is right; the row takes the node's area
-/// vector S = sum of its triangles' area vectors / 3: sigma S = F. In a uniform state of stress that
-/// is exactly the force the triangles around the node carry, edges and corners included, so linear
-/// fields pass to rounding. n is S / |S| and A is |S|. Only where the faces nearly fold onto each
-/// other (|S| below a tenth of the area) A is kept at that tenth, lest the row blow up.
+/// Forces and sharp edges: the unknown of the online stage is the nodal force F, so the traction
+/// row divides it by an area. Where faces meet, no single normal is right; the row takes the node's
+/// area vector S = sum of its triangles' area vectors / 3: sigma S = F. In a uniform state of
+/// stress that is exactly the force the triangles around the node carry, edges and corners
+/// included, so linear fields pass to rounding. n is S / |S| and A is |S|. Only where the faces
+/// nearly fold onto each other (|S| below a tenth of the area) A is kept at that tenth, lest the
+/// row blow up.
 ///
 /// The reaction of a fixed node is sigma S there, its first derivatives one-sided: good to the
 /// discretization's order only. Point collocation does not conserve force.
@@ -63,11 +64,11 @@ typedef struct builder {
     pal_mls_options mls_options;
     int32_t neighbours;
     int fictitious;
-    int32_t extra_count;  ///< fictitious nodes
-    int32_t *extra_of;    ///< (surface_count) fictitious node of a surface node, -1: none
-    double *position;     ///< (node_count + extra_count x 3)
-    int32_t *unknown;     ///< (node_count + extra_count) first unknown of a node; fixed: -1 - i,
-                          ///< where i is its place in fixed_node
+    int32_t extra_count; ///< fictitious nodes
+    int32_t *extra_of;   ///< (surface_count) fictitious node of a surface node, -1: none
+    double *position;    ///< (node_count + extra_count x 3)
+    int32_t *unknown;    ///< (node_count + extra_count) first unknown of a node; fixed: -1 - i,
+                         ///< where i is its place in fixed_node
     pal_neighbours tree;
     pal_mls mls;
     pal_triplets matrix, load, reaction, held;
@@ -244,8 +245,7 @@ static pal_status add_reaction(builder *b, int32_t node, const double v[3]) {
         for (int c = 0; c < 3 && column >= 0; c++) {
             for (int d = 0; d < 3; d++) {
                 double k = traction_coefficient(b, j, c, d, v);
-                if (k != 0.0 &&
-                    pal_triplets_add(&b->reaction, row + c, column + d, k)) {
+                if (k != 0.0 && pal_triplets_add(&b->reaction, row + c, column + d, k)) {
                     return no_memory(b);
                 }
             }
@@ -265,7 +265,10 @@ static pal_status add_node(builder *b, int32_t node) {
         pal_mls_stencil(&b->mls, &b->tree, &b->mls_options, cloud->position + 3 * (int64_t)node,
                         b->neighbours, &b->out->stencils, b->error);
     if (status != PALPATE_OK) {
-        return pal_fail_prefix(b->error, status, "point collocation at node %d", node);
+        const double *x = cloud->position + 3 * (int64_t)node;
+        return pal_fail_prefix(
+            b->error, status, "point collocation at node %d, (%g, %g, %g) m; in units of %g m",
+            node, cloud->length * x[0], cloud->length * x[1], cloud->length * x[2], cloud->length);
     }
     if (!surface) {
         return add_rows(b, b->unknown[node], node, NULL, 0.0);
@@ -322,17 +325,22 @@ pal_status pal_point_build(const pal_cloud *cloud, const uint8_t *fixed, double 
     }
     if (!(poisson > -1.0 && poisson < 0.5)) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "point collocation: Poisson's ratio %g must lie between -1 and 0.5", poisson);
+                        "point collocation: Poisson's ratio %g must lie between -1 and 0.5",
+                        poisson);
     }
-    builder b = {.cloud = cloud, .fixed = fixed, .progress = progress, .error = error,
-                 .detail = detail, .out = out};
+    builder b = {.cloud = cloud,
+                 .fixed = fixed,
+                 .progress = progress,
+                 .error = error,
+                 .detail = detail,
+                 .out = out};
     b.mu = 0.5 / (1.0 + poisson);
     b.lambda = poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
     b.mls_options.basis = method->basis > 0 ? method->basis : PALPATE_BASIS_QUADRATIC;
     b.mls_options.derivatives = method->derivatives;
     b.mls_options.exponent = method->exponent > 0 ? method->exponent : 2;
-    b.neighbours = method->neighbours > 0 ? method->neighbours
-                                          : pal_basis_neighbours(b.mls_options.basis);
+    b.neighbours =
+        method->neighbours > 0 ? method->neighbours : pal_basis_neighbours(b.mls_options.basis);
     b.fictitious = method->fictitious != 0;
     if (b.mls_options.basis > PALPATE_BASIS_CUBIC || b.mls_options.exponent > 8) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
@@ -374,7 +382,7 @@ pal_status pal_point_build(const pal_cloud *cloud, const uint8_t *fixed, double 
 }
 
 pal_status pal_method_point(const pal_cloud *cloud, const uint8_t *fixed, double poisson,
-                            const pal_method *method, const pal_progress *progress,
-                            pal_system *out, pal_error *error) {
+                            const pal_method *method, const pal_progress *progress, pal_system *out,
+                            pal_error *error) {
     return pal_point_build(cloud, fixed, poisson, method, progress, out, NULL, error);
 }

@@ -3,16 +3,16 @@
 /// Source: De, Hong, Bathe 2003, section 3.3 (Eqs. 36-40); derivatives at nodes: design 2.1.
 ///
 /// Singular weights make A(x) blow up at a node. Let K be the node nearest to x, take monomials
-/// centred there, p = (1, q), q_K = 0, and eliminate the constant. With g = 1 / W_K, which is smooth
-/// and vanishes at x_K as s^2p, sums over J != K, and
+/// centred there, p = (1, q), q_K = 0, and eliminate the constant. With g = 1 / W_K, which is
+/// smooth and vanishes at x_K as s^2p, sums over J != K, and
 ///
 ///     a00 = sum W_J,   a0 = sum W_J q_J,   e = g / (1 + g a00),
 ///     M~ = sum W_J q_J q_J^T - e a0 a0^T,
 ///     M~ c = q(x) - e a0,   c0 = e - e a0 . c
 ///
 /// the shape functions are h_J = W_J (c0 + q_J . c) and h_K = 1 - sum h_J. Nothing here is singular
-/// at the node: for x = x_K (g = 0) it is the constrained local fit of design 2.1, and differentiating
-/// these lines gives the full derivatives at nodes and off them with one formula:
+/// at the node: for x = x_K (g = 0) it is the constrained local fit of design 2.1, and
+/// differentiating these lines gives the full derivatives at nodes and off them with one formula:
 ///
 ///     M~ c_i  = q_i  - (e a0)_i - M~_i c
 ///     M~ c_ij = q_ij - (e a0)_ij - M~_ij c - M~_i c_j - M~_j c_i
@@ -20,13 +20,14 @@
 /// (p = 1 included, where e_ij = 2 delta_ij / r^2 at the node adds to the second derivatives). The
 /// diffuse derivatives drop every derivative of a weight.
 ///
-/// M~ is never formed in raw monomials: it is the Gram matrix of the rows sqrt(W_J) (q_J - e a0) and
-/// sqrt(g) / (1 + g a00) a0, whose pivoted QR gives rank and condition; q is then replaced by the
-/// polynomials that R^-T makes of it, in which M~ = I up to rounding, and one Cholesky step on the
-/// remaining Gram matrix makes it I to the last bits. Every solve above disappears.
+/// M~ is never formed in raw monomials: it is the Gram matrix of the rows sqrt(W_J) (q_J - e a0)
+/// and sqrt(g) / (1 + g a00) a0, whose pivoted QR gives rank and condition; q is then replaced by
+/// the polynomials that R^-T makes of it, in which M~ = I up to rounding, and one Cholesky step on
+/// the remaining Gram matrix makes it I to the last bits. Every solve above disappears.
 ///
-/// Coordinates are scaled by the stencil radius and centred at x_K; degrees are scaled apart, so that
-/// the rank decision is invariant under rotation and scaling and never blows a flat direction up.
+/// Coordinates are scaled by the stencil radius and centred at x_K; degrees are scaled apart, so
+/// that the rank decision is invariant under rotation and scaling and never blows a flat direction
+/// up.
 #include "src/mls.h"
 
 #include <math.h>
@@ -35,6 +36,7 @@
 
 #include "haptic/error.h"
 #include "src/dense_small.h"
+#include "src/mls_weight.h"
 
 enum { COLUMNS_MAX = 19, TERMS = 10 }; // value, 3 first, 6 second derivatives
 
@@ -42,7 +44,6 @@ enum { COLUMNS_MAX = 19, TERMS = 10 }; // value, 3 first, 6 second derivatives
 static const double rank_tolerance = 1e-9;
 /// Nodes closer than this (of the radius) to an evaluated node coincide with it.
 static const double coincidence = 1e-10;
-static const double gaussian_width = 0.4;
 
 static const int8_t power[COLUMNS_MAX][3] = {
     {1, 0, 0}, {0, 1, 0}, {0, 0, 1},                                             //
@@ -141,103 +142,6 @@ static double monomial_derivative(const int8_t exponent[3], const int take[3], c
     return value;
 }
 
-/// A radial function f(s): value, f'/s, and f'' - f'/s. With delta = (x - x_J) / radius, |delta| = s:
-/// d_i f = slope delta_i / radius, d_ij f = (slope delta_ij + bend n_i n_j) / radius^2.
-typedef struct radial {
-    double value, slope, bend;
-} radial;
-
-static radial window(pal_weight kind, double s) {
-    radial f = {0.0, 0.0, 0.0};
-    if (s >= 1.0) {
-        return f;
-    }
-    if (kind == PALPATE_WEIGHT_GAUSSIAN) {
-        double a = 1.0 / (gaussian_width * gaussian_width);
-        f.value = exp(-a * s * s);
-        f.slope = -2.0 * a * f.value;
-        f.bend = 4.0 * a * a * s * s * f.value;
-        return f;
-    }
-    double t = 1.0 - s; // 1 - 6 s^2 + 8 s^3 - 3 s^4 = (1 - s)^3 (1 + 3 s)
-    f.value = t * t * t * (1.0 + 3.0 * s);
-    f.slope = -12.0 * t * t;
-    f.bend = 24.0 * s * t;
-    return f;
-}
-
-static double power_of(double s, int32_t n) {
-    double value = 1.0;
-    for (int32_t i = 0; i < n; i++) {
-        value *= s;
-    }
-    return value;
-}
-
-static radial product(radial f, radial h, double s) {
-    radial r;
-    r.value = f.value * h.value;
-    r.slope = f.value * h.slope + f.slope * h.value;
-    r.bend = f.value * h.bend + f.bend * h.value + 2.0 * (s * f.slope) * (s * h.slope);
-    return r;
-}
-
-/// w(s) / s^2p, s > 0.
-static radial singular_weight(const pal_mls_options *o, double s) {
-    radial f = window(o->weight, s);
-    if (o->exponent == 0 || s >= 1.0) {
-        return f;
-    }
-    double n = 2.0 * o->exponent;
-    radial pole;
-    pole.value = 1.0 / power_of(s, 2 * o->exponent);
-    double over = pole.value / (s * s);
-    pole.slope = -n * over;
-    pole.bend = n * (n + 2.0) * over;
-    return product(f, pole, s);
-}
-
-/// s^2p / w(s): smooth at s = 0. Needs w(s) > 0.
-static radial inverse_weight(const pal_mls_options *o, double s) {
-    radial w = window(o->weight, s);
-    double ds = s * w.slope; // w'
-    radial inverse;
-    inverse.value = 1.0 / w.value;
-    double square = inverse.value * inverse.value;
-    inverse.slope = -w.slope * square;
-    inverse.bend = -w.bend * square + 2.0 * ds * ds * square * inverse.value;
-    if (o->exponent == 0) {
-        return inverse;
-    }
-    double n = 2.0 * o->exponent;
-    radial pole;
-    double below = power_of(s, 2 * o->exponent - 2);
-    pole.value = below * s * s;
-    pole.slope = n * below;
-    pole.bend = n * (n - 2.0) * below;
-    return product(pole, inverse, s);
-}
-
-/// The ten terms (value, gradient, second derivatives in scaled coordinates) of a radial function.
-static void radial_terms(radial f, const double delta[3], double s, int order, double *out) {
-    out[0] = f.value;
-    if (order < 1) {
-        return;
-    }
-    double n[3] = {0.0, 0.0, 0.0};
-    for (int i = 0; i < 3; i++) {
-        out[1 + i] = f.slope * delta[i];
-        n[i] = s > 0.0 ? delta[i] / s : 0.0;
-    }
-    if (order < 2) {
-        return;
-    }
-    for (int m = 0; m < 6; m++) {
-        int i = pair_first[m], j = pair_second[m];
-        out[4 + m] = (i == j ? f.slope : 0.0) + f.bend * n[i] * n[j];
-    }
-}
-
 /// ---- Small vectors -------------------------------------------------------------------------
 
 static double dot(int32_t n, const double *a, const double *b) {
@@ -313,8 +217,9 @@ static void moments(fit *f) {
     for (int m = 0; m < 6 && terms > 4; m++) {
         int i = pair_first[m], j = pair_second[m];
         d[4 + m] = product_second(f->g, f->a00, m);
-        f->e[4 + m] = (f->g[4 + m] - f->e[1 + i] * d[1 + j] - f->e[1 + j] * d[1 + i] -
-                       f->e[0] * d[4 + m]) / d[0];
+        f->e[4 + m] =
+            (f->g[4 + m] - f->e[1 + i] * d[1 + j] - f->e[1 + j] * d[1 + i] - f->e[0] * d[4 + m]) /
+            d[0];
         for (int32_t c = 0; c < f->rank; c++) {
             f->h[4 + m][c] = f->e[4 + m] * f->a0[0][c] + f->e[1 + i] * f->a0[1 + j][c] +
                              f->e[1 + j] * f->a0[1 + i][c] + f->e[0] * f->a0[4 + m][c];
@@ -322,7 +227,8 @@ static void moments(fit *f) {
     }
 }
 
-/// v <- T v: raw monomials into orthonormal polynomials. `inverse` is R^-1 (row-major, rank x rank).
+/// v <- T v: raw monomials into orthonormal polynomials. `inverse` is R^-1 (row-major, rank x
+/// rank).
 static void transform(const fit *f, const double *scale, const int32_t *pivot,
                       const double *inverse, double *v) {
     double permuted[COLUMNS_MAX];
@@ -357,9 +263,8 @@ static int orthonormalize(fit *f, pal_mls_info *info) {
         double root = sqrt(f->w[j * TERMS]);
         double tail = sqrt(f->g[0]) / (1.0 + f->g[0] * f->a00[0]);
         for (int32_t c = 0; c < n; c++) {
-            f->rows[c * ld + j] = j == f->centre
-                                      ? tail * f->a0[0][c]
-                                      : root * (f->q[j * COLUMNS_MAX + c] - f->h[0][c]);
+            f->rows[c * ld + j] = j == f->centre ? tail * f->a0[0][c]
+                                                 : root * (f->q[j * COLUMNS_MAX + c] - f->h[0][c]);
         }
     }
     // one scale for each degree
@@ -445,7 +350,7 @@ static void solve(fit *f) {
     for (int32_t j = 0; j < f->count; j++) {
         f->y[j * TERMS] = dot(n, f->q + j * COLUMNS_MAX, f->c[0]);
     }
-    double p[TERMS] = {0}; // a0_t . c
+    double p[TERMS] = {0};  // a0_t . c
     double r[4][4] = {{0}}; // a0_t . c_i
     for (int t = 0; t < TERMS; t++) {
         p[t] = dot(n, f->a0[t], f->c[0]);
@@ -502,9 +407,8 @@ static void solve(fit *f) {
         }
         for (int m = 0; m < 6; m++) {
             int a = 1 + pair_first[m], b = 1 + pair_second[m];
-            f->c0[4 + m] = f->e[4 + m] - dot(n, f->h[4 + m], f->c[0]) -
-                           dot(n, f->h[a], f->c[b]) - dot(n, f->h[b], f->c[a]) -
-                           dot(n, f->h[0], f->c[4 + m]);
+            f->c0[4 + m] = f->e[4 + m] - dot(n, f->h[4 + m], f->c[0]) - dot(n, f->h[a], f->c[b]) -
+                           dot(n, f->h[b], f->c[a]) - dot(n, f->h[0], f->c[4 + m]);
         }
         for (int32_t j = 0; j < f->count; j++) {
             for (int m = 4; m < TERMS; m++) {
@@ -565,9 +469,11 @@ static void weigh(fit *f, const double x[3], double radius, const double *positi
         double *w = f->w + j * TERMS;
         memset(w, 0, TERMS * sizeof *w);
         if (j == f->centre) {
-            radial_terms(inverse_weight(f->options, s), delta, s, f->weight_order, f->g);
+            pal_radial_terms(pal_weight_inverse(f->options->weight, f->options->exponent, s), delta,
+                             s, f->weight_order, f->g);
         } else if (s < 1.0) {
-            radial_terms(singular_weight(f->options, s), delta, s, f->weight_order, w);
+            pal_radial_terms(pal_weight_at(f->options->weight, f->options->exponent, s), delta, s,
+                             f->weight_order, w);
         }
     }
 }
@@ -580,10 +486,10 @@ static double distance_squared(const double *a, const double *b) {
 pal_status pal_mls_shape(pal_mls *mls, const pal_mls_options *options, const double x[3],
                          double radius, int32_t count, const double *position, double *phi,
                          double *dphi, double *d2phi, pal_mls_info *info) {
-    pal_mls_info scratch;
+    pal_mls_info scratch = {0};
     pal_mls_info *out = info != NULL ? info : &scratch;
-    *out = (pal_mls_info){.columns = pal_basis_size(options->basis) - 1, .condition = INFINITY,
-                          .coincident = -1};
+    *out = (pal_mls_info){
+        .columns = pal_basis_size(options->basis) - 1, .condition = INFINITY, .coincident = -1};
     if (!(radius > 0.0) || !isfinite(radius) || count <= 0 || options->exponent < 0 ||
         options->exponent > 8 || options->order < 0 || options->order > 2 ||
         (options->order > 0 && dphi == NULL) || (options->order > 1 && d2phi == NULL)) {

@@ -1,8 +1,9 @@
-/// @file mls.h  Moving least squares shape functions and their derivatives, singular weights included.
+/// @file mls.h  Moving least squares shape functions and their derivatives, singular weights
+/// included.
 ///
-/// h_J(x) = W_J(x) p(x)^T A(x)^-1 p(x_J),  A(x) = sum_J W_J(x) p(x_J) p(x_J)^T  (paper 1, Eqs. 39-40)
-/// with complete polynomials p of degree 1, 2 or 3 in space (4, 10, 20 monomials) and the weight
-/// W_J(x) = w(s) / s^2p, s = |x - x_J| / radius. For p >= 1 the shape functions interpolate:
+/// h_J(x) = W_J(x) p(x)^T A(x)^-1 p(x_J),  A(x) = sum_J W_J(x) p(x_J) p(x_J)^T  (paper 1, Eqs.
+/// 39-40) with complete polynomials p of degree 1, 2 or 3 in space (4, 10, 20 monomials) and the
+/// weight W_J(x) = w(s) / s^2p, s = |x - x_J| / radius. For p >= 1 the shape functions interpolate:
 /// h_J(x_K) = delta_JK. Mathematics of the evaluation: mls.c.
 ///
 /// Thread: a pal_mls belongs to one thread at a time; everything else is read only.
@@ -27,8 +28,8 @@ typedef struct pal_mls_options {
     int32_t exponent;            ///< p of s^-2p, 0..8; 0: regular weight (no interpolation)
     int32_t order;               ///< highest derivative wanted: 0, 1, 2
     pal_derivatives derivatives; ///< _DIFFUSE: the weights are held still while differentiating
-    int32_t accept_deficient;    ///< 1: use what basis the stencil supports (values at points within
-                                 ///< the stencil's own line or plane stay exact), never grow
+    int32_t accept_deficient; ///< 1: use what basis the stencil supports (values at points within
+                              ///< the stencil's own line or plane stay exact), never grow
 } pal_mls_options;
 
 /// What one evaluation met.

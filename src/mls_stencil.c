@@ -1,8 +1,8 @@
 /// @file mls_stencil.c  Which nodes an MLS evaluation uses: the k nearest, grown where deficient.
 ///
-/// The support radius is a little more than the distance of the k-th neighbour, so that the outermost
-/// nodes still count. Nodes at the same distance as the k-th (to 1e-9) all belong: a lattice's
-/// stencils keep its symmetry and do not depend on numbering.
+/// The support radius is a little more than the distance of the k-th neighbour, so that the
+/// outermost nodes still count. Nodes at the same distance as the k-th (to 1e-9) all belong: a
+/// lattice's stencils keep its symmetry and do not depend on numbering.
 #include "src/mls.h"
 
 #include <math.h>
@@ -91,15 +91,16 @@ pal_status pal_mls_stencil(pal_mls *mls, const pal_neighbours *nodes,
         }
         if (mls->info.coincident >= 0) {
             return pal_fail(error, PALPATE_ERROR_STENCIL,
-                            "MLS stencil at (%g, %g, %g): nodes %d and %d coincide; remove one", x[0],
-                            x[1], x[2], mls->node[mls->info.centre],
+                            "MLS stencil at (%g, %g, %g): nodes %d and %d coincide; remove one",
+                            x[0], x[1], x[2], mls->node[mls->info.centre],
                             mls->node[mls->info.coincident]);
         }
         if (mls->count >= nodes->count || options->accept_deficient) {
-            return pal_fail(error, PALPATE_ERROR_STENCIL,
-                            "MLS stencil at (%g, %g, %g): rank %d of %d with all %d nodes; the nodes "
-                            "lie on a surface of the basis' degree: add nodes or lower the basis",
-                            x[0], x[1], x[2], mls->info.rank, mls->info.columns, mls->count);
+            return pal_fail(
+                error, PALPATE_ERROR_STENCIL,
+                "MLS stencil at (%g, %g, %g): rank %d of %d with all %d nodes; the nodes "
+                "lie on a surface of the basis' degree: add nodes or lower the basis",
+                x[0], x[1], x[2], mls->info.rank, mls->info.columns, mls->count);
         }
         k = mls->count + (mls->count + 1) / 2;
     }
@@ -121,8 +122,8 @@ void pal_stencil_merge(pal_stencil_report *into, const pal_stencil_report *from)
             into->worst_point[a] = from->worst_point[a];
         }
     }
-    into->min_neighbours = from->min_neighbours < into->min_neighbours ? from->min_neighbours
-                                                                       : into->min_neighbours;
-    into->max_neighbours = from->max_neighbours > into->max_neighbours ? from->max_neighbours
-                                                                       : into->max_neighbours;
+    into->min_neighbours =
+        from->min_neighbours < into->min_neighbours ? from->min_neighbours : into->min_neighbours;
+    into->max_neighbours =
+        from->max_neighbours > into->max_neighbours ? from->max_neighbours : into->max_neighbours;
 }

@@ -114,8 +114,7 @@ pal_status pal_neighbours_create(pal_neighbours *out, const double *position, in
     out->point = malloc((size_t)count * 3 * sizeof *out->point);
     out->index = malloc((size_t)count * sizeof *out->index);
     out->axis = calloc((size_t)count, sizeof *out->axis);
-    if (out->position == NULL || out->point == NULL || out->index == NULL ||
-        out->axis == NULL) {
+    if (out->position == NULL || out->point == NULL || out->index == NULL || out->axis == NULL) {
         pal_neighbours_clear(out);
         return pal_fail(error, PALPATE_ERROR_MEMORY, "neighbour search: no memory for %d points",
                         count);
@@ -127,8 +126,7 @@ pal_status pal_neighbours_create(pal_neighbours *out, const double *position, in
     }
     build(out, position, 0, count);
     for (int64_t i = 0; i < count; i++) {
-        memcpy(out->point + 3 * i, position + 3 * (int64_t)out->index[i],
-               3 * sizeof *out->point);
+        memcpy(out->point + 3 * i, position + 3 * (int64_t)out->index[i], 3 * sizeof *out->point);
     }
     return PALPATE_OK;
 }
@@ -196,9 +194,8 @@ static void offer(query *q, int32_t index, double distance2) {
             swap_entry(q, at, (at - 1) / 2);
             at = (at - 1) / 2;
         }
-    } else if (q->capacity > 0 &&
-               (distance2 < q->distance2[0] ||
-                (distance2 == q->distance2[0] && index < q->index[0]))) {
+    } else if (q->capacity > 0 && (distance2 < q->distance2[0] ||
+                                   (distance2 == q->distance2[0] && index < q->index[0]))) {
         q->index[0] = index;
         q->distance2[0] = distance2;
         sift_down(q, 0, q->count);
@@ -249,8 +246,12 @@ static void sort_ascending(query *q) {
 
 int32_t pal_neighbours_nearest(const pal_neighbours *n, const double x[3], int32_t k,
                                int32_t *index, double *distance2) {
-    query q = {.tree = n, .x = {x[0], x[1], x[2]}, .limit = INFINITY, .capacity = k,
-               .index = index, .distance2 = distance2};
+    query q = {.tree = n,
+               .x = {x[0], x[1], x[2]},
+               .limit = INFINITY,
+               .capacity = k,
+               .index = index,
+               .distance2 = distance2};
     if (k <= 0) {
         return 0;
     }
@@ -261,8 +262,12 @@ int32_t pal_neighbours_nearest(const pal_neighbours *n, const double x[3], int32
 
 int32_t pal_neighbours_within(const pal_neighbours *n, const double x[3], double radius,
                               int32_t capacity, int32_t *index, double *distance2, int32_t *total) {
-    query q = {.tree = n, .x = {x[0], x[1], x[2]}, .limit = radius * radius,
-               .capacity = capacity > 0 ? capacity : 0, .index = index, .distance2 = distance2};
+    query q = {.tree = n,
+               .x = {x[0], x[1], x[2]},
+               .limit = radius * radius,
+               .capacity = capacity > 0 ? capacity : 0,
+               .index = index,
+               .distance2 = distance2};
     if (radius >= 0.0) {
         visit(&q, 0, n->count, 1);
         sort_ascending(&q);

@@ -1,8 +1,8 @@
 /// @file neighbours.h  Nearest nodes and nodes in a sphere, deterministic.
 ///
 /// A k-d tree over a fixed set of points. Answers are ordered by (squared distance, index) and ties
-/// are broken by index, so they depend on the points alone, never on the tree. Queries only read the
-/// tree: any number of threads may ask at once.
+/// are broken by index, so they depend on the points alone, never on the tree. Queries only read
+/// the tree: any number of threads may ask at once.
 #ifndef PALPATE_SRC_NEIGHBOURS_H
 #define PALPATE_SRC_NEIGHBOURS_H
 

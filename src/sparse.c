@@ -2,8 +2,8 @@
 ///
 /// Compression is two stable counting sorts, first by row, then by column, so that each column's
 /// rows ascend and duplicates stay in the order they were added; they are then summed in that
-/// order. No comparison sort, so the result depends on nothing but the triplets. O(nonzeros + rows +
-/// columns). Thread: functions are reentrant; a list belongs to one thread at a time.
+/// order. No comparison sort, so the result depends on nothing but the triplets. O(nonzeros + rows
+/// + columns). Thread: functions are reentrant; a list belongs to one thread at a time.
 #include "src/sparse.h"
 
 #include <stdlib.h>
@@ -115,8 +115,8 @@ pal_status pal_sparse_from_triplets(const pal_triplets *t, int64_t rows, int64_t
         free(cursor);
         free(by_row);
         pal_sparse_clear(out);
-        return pal_fail(error, PALPATE_ERROR_MEMORY,
-                        "sparse matrix: no memory for %lld entries", (long long)t->count);
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "sparse matrix: no memory for %lld entries",
+                        (long long)t->count);
     }
     out->rows = rows;
     out->columns = columns;

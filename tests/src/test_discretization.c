@@ -28,7 +28,7 @@ static void every_kind_reaches_its_method(void **state) {
     }
     pal_error e = {0};
     static const pal_method_kind kinds[3] = {PALPATE_METHOD_POINT, PALPATE_METHOD_CELL,
-                                              PALPATE_METHOD_GALERKIN};
+                                             PALPATE_METHOD_GALERKIN};
     for (int k = 0; k < 3; k++) {
         pal_method m = {.kind = kinds[k], .stabilization = -1.0};
         pal_system s;

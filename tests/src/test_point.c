@@ -82,8 +82,8 @@ static void wave_field(const double x[3], double u[3], double g[3][3], double h[
         for (int i = 0; i < 3; i++) {
             g[c][i] = (i == 2) * co - z * k[c][i] * si;
             for (int j = 0; j < 3; j++) {
-                h[c][i][j] = -(i == 2) * k[c][j] * si - (j == 2) * k[c][i] * si -
-                             z * k[c][i] * k[c][j] * co;
+                h[c][i][j] =
+                    -(i == 2) * k[c][j] * si - (j == 2) * k[c][i] * si - z * k[c][i] * k[c][j] * co;
             }
         }
     }
@@ -139,7 +139,8 @@ typedef struct problem {
     pal_point_detail detail;
 } problem;
 
-static void make(problem *p, const int n[3], double jitter, uint64_t seed, const pal_method *method) {
+static void make(problem *p, const int n[3], double jitter, uint64_t seed,
+                 const pal_method *method) {
     const double size[3] = {n[0] * 1.0 / n[2], n[1] * 1.0 / n[2], 1.0};
     pal_error e = {0};
     assert_int_equal(pal_cloud_box(&p->cloud, size, n, jitter, seed, &e), PALPATE_OK);
@@ -287,8 +288,8 @@ static void plates_and_needles_pass_or_are_refused_with_the_place(void **state) 
                 assert_non_null(strstr(e.message, "node 0"));
             } else {
                 assert_int_equal(status, PALPATE_OK);
-                // the needle's bending is (20)^4 softer than its stretching, and its stencils (condition
-                // 5e6) leave 1e-12 in the entries
+                // the needle's bending is (20)^4 softer than its stretching, and its stencils
+                // (condition 5e6) leave 1e-12 in the entries
                 double tolerance = shape == 0 ? 1e-9 : 1e-5;
                 assert_true(reproduce(&p, linear_field) < tolerance);
                 assert_true(reproduce(&p, rigid_field) < tolerance);
@@ -440,7 +441,8 @@ static void quadratic_with_fictitious_nodes_converges_in_second_order(void **sta
             operator_side(&p, harmonic_field, x + unknowns);
             solve(&p, 2, x);
             errors(&p, wave_field, x, &wave[i], &worst);
-            errors(&p, harmonic_field, x + unknowns, basis == 1 ? &linear[i] : &harmonic[i], &worst);
+            errors(&p, harmonic_field, x + unknowns, basis == 1 ? &linear[i] : &harmonic[i],
+                   &worst);
             free(x);
             drop(&p);
         }
@@ -476,9 +478,11 @@ static void refusals_are_clear_and_leave_nothing(void **state) {
     fixed[0] = fixed[1] = fixed[9] = 1;
     pal_method m = {.basis = PALPATE_BASIS_QUADRATIC};
     pal_system s;
-    assert_int_equal(pal_method_point(&cloud, fixed, 0.5, &m, NULL, &s, &e), PALPATE_ERROR_ARGUMENT);
+    assert_int_equal(pal_method_point(&cloud, fixed, 0.5, &m, NULL, &s, &e),
+                     PALPATE_ERROR_ARGUMENT);
     assert_non_null(strstr(e.message, "0.5"));
-    assert_int_equal(pal_method_point(&cloud, fixed, NAN, &m, NULL, &s, &e), PALPATE_ERROR_ARGUMENT);
+    assert_int_equal(pal_method_point(&cloud, fixed, NAN, &m, NULL, &s, &e),
+                     PALPATE_ERROR_ARGUMENT);
     int calls = 0;
     pal_progress progress = {cancel_late, &calls};
     assert_int_equal(pal_method_point(&cloud, fixed, nu, &m, &progress, &s, &e),
@@ -502,7 +506,8 @@ static void assembly_repeats_to_the_last_bit(void **state) {
     make(&p, (const int[3]){6, 5, 5}, 0.2, 9, &m);
     make(&q, (const int[3]){6, 5, 5}, 0.2, 9, &m);
     int64_t count = p.system.matrix.start[p.system.matrix.columns];
-    assert_memory_equal(p.system.matrix.value, q.system.matrix.value, (size_t)count * sizeof(double));
+    assert_memory_equal(p.system.matrix.value, q.system.matrix.value,
+                        (size_t)count * sizeof(double));
     assert_memory_equal(p.system.matrix.row, q.system.matrix.row, (size_t)count * sizeof(int64_t));
     assert_string_equal(p.system.options, "basis=quadratic, derivatives=full, neighbours=60, "
                                           "exponent=2, fictitious=yes");
@@ -517,8 +522,9 @@ static void assembly_repeats_to_the_last_bit(void **state) {
     assert_int_equal(p.system.load.start[3 * node + 2] - at, 1);
     const double *a = p.cloud.area_vector + 3 * node;
     double scale = p.detail.rows[p.system.load.row[at]].scale;
-    assert_true(fabs(p.system.load.value[at] / scale * sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]) -
-                     1.0) < 1e-14);
+    assert_true(
+        fabs(p.system.load.value[at] / scale * sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]) -
+             1.0) < 1e-14);
     drop(&p);
     drop(&q);
 }
