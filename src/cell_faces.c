@@ -1,4 +1,5 @@
-/// @file cell_faces.c  See cell_faces.h for the geometry. Loops run in element order: deterministic.
+/// @file cell_faces.c  See cell_faces.h for the geometry. Loops run in element order:
+/// deterministic.
 #include "src/cell_faces.h"
 
 #include <math.h>
@@ -96,11 +97,12 @@ static pal_status measure_tets(const pal_cloud *cloud, pal_cell_faces *f, pal_er
         }
         double shape = tet_hats(cloud, t, hat, &volume);
         if (!(shape > 0)) {
-            return pal_fail(error, PALPATE_ERROR_STENCIL,
-                            "node cells: tetrahedron %d (nodes %d %d %d %d) at (%.6g, %.6g, %.6g) m "
-                            "has no volume (%.3g); use another spacing so that the cloud is remade",
-                            t, v[0], v[1], v[2], v[3], cloud->length * centre[0],
-                            cloud->length * centre[1], cloud->length * centre[2], volume);
+            return pal_fail(
+                error, PALPATE_ERROR_STENCIL,
+                "node cells: tetrahedron %d (nodes %d %d %d %d) at (%.6g, %.6g, %.6g) m "
+                "has no volume (%.3g); use another spacing so that the cloud is remade",
+                t, v[0], v[1], v[2], v[3], cloud->length * centre[0], cloud->length * centre[1],
+                cloud->length * centre[2], volume);
         }
         if (shape > f->worst_shape) {
             f->worst_shape = shape;
@@ -135,8 +137,8 @@ pal_status pal_cell_faces_create(const pal_cloud *cloud, pal_cell_faces *out, pa
     out->tet_volume = malloc(tets * sizeof *out->tet_volume);
     int32_t *head = malloc((nodes + 1) * sizeof *head), *next = malloc(6 * tets * sizeof *next);
     pal_status status = PALPATE_ERROR_MEMORY;
-    if (out->pair != NULL && out->tet_pair != NULL && out->hat != NULL &&
-        out->tet_volume != NULL && head != NULL && next != NULL) {
+    if (out->pair != NULL && out->tet_pair != NULL && out->hat != NULL && out->tet_volume != NULL &&
+        head != NULL && next != NULL) {
         number_pairs(cloud, out, head, next);
         size_t pairs = (size_t)out->pair_count;
         int32_t *shrunk = realloc(out->pair, 2 * pairs * sizeof *shrunk);
@@ -150,7 +152,8 @@ pal_status pal_cell_faces_create(const pal_cloud *cloud, pal_cell_faces *out, pa
     free(head);
     free(next);
     if (status == PALPATE_ERROR_MEMORY) {
-        pal_fail(error, status, "node cells: out of memory for %d tetrahedra; use a coarser spacing",
+        pal_fail(error, status,
+                 "node cells: out of memory for %d tetrahedra; use a coarser spacing",
                  cloud->tet_count);
     }
     if (status != PALPATE_OK) {

@@ -1,4 +1,4 @@
-/// @file cell_faces.h  Median-dual cells of a cloud: walls between neighbouring nodes, shares of volume.
+/// @file cell_faces.h  Median-dual cells of a cloud: walls between neighbours, shares of volume.
 ///
 /// The cell of node I is the part of the body nearer to I than to the other corners in barycentric
 /// coordinates of each tetrahedron. With g_a the gradient of corner a's barycentric coordinate in a
@@ -17,14 +17,15 @@
 
 typedef struct pal_cell_faces {
     int32_t pair_count;
-    int32_t *pair;       ///< (pair_count x 2) the two nodes, ascending
-    double *wall;        ///< (pair_count x 3) area vector between their cells, first to second
-    double *volume;      ///< (pair_count) a sixth of the tetrahedra around the pair; adds up to the body's
+    int32_t *pair; ///< (pair_count x 2) the two nodes, ascending
+    double *wall;  ///< (pair_count x 3) area vector between their cells, first to second
+    double
+        *volume; ///< (pair_count) a sixth of the tetrahedra around the pair; adds up to the body's
     int32_t tet_count;
-    int32_t *tet_pair;   ///< (tet_count x 6) pairs 01 02 03 12 13 23 of each tetrahedron
-    double *hat;         ///< (tet_count x 4 x 3) gradients of the barycentric coordinates
-    double *tet_volume;  ///< (tet_count)
-    double worst_shape;  ///< largest condition number of a tetrahedron's edge matrix (Frobenius)
+    int32_t *tet_pair;  ///< (tet_count x 6) pairs 01 02 03 12 13 23 of each tetrahedron
+    double *hat;        ///< (tet_count x 4 x 3) gradients of the barycentric coordinates
+    double *tet_volume; ///< (tet_count)
+    double worst_shape; ///< largest condition number of a tetrahedron's edge matrix (Frobenius)
     double worst_point[3];
 } pal_cell_faces;
 

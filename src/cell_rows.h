@@ -1,8 +1,8 @@
 /// @file cell_rows.h  Assembled 3x3 block rows, one node at a time, into the matrices of a system.
 ///
-/// The method fills the row of one node in a pal_scatter of width 9 (block of node J: 3x3 row-major,
-/// force component x displacement component); the rows of free nodes become K, those of fixed
-/// nodes the reaction, columns of fixed nodes (u = 0) are dropped.
+/// The method fills the row of one node in a pal_scatter of width 9 (block of node J: 3x3
+/// row-major, force component x displacement component); the rows of free nodes become K, those of
+/// fixed nodes the reaction, columns of fixed nodes (u = 0) are dropped.
 #ifndef PALPATE_SRC_CELL_ROWS_H
 #define PALPATE_SRC_CELL_ROWS_H
 

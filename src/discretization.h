@@ -33,7 +33,7 @@ typedef enum pal_volumetric {
     PALPATE_VOLUMETRIC_PLAIN = 0, ///< the full stress at the integration point
     PALPATE_VOLUMETRIC_NODAL = 1, ///< volumetric part averaged at the nodes (design 2.2)
     PALPATE_VOLUMETRIC_MIXED = 2, ///< displacement/pressure (paper 1, section 2.4)
-    PALPATE_VOLUMETRIC_PATCH = 3  ///< cell: nodal, surface cells joined to interior ones (cell_patches.h)
+    PALPATE_VOLUMETRIC_PATCH = 3  ///< cell: nodal, and above some bulk modulus over groups of cells
 } pal_volumetric;
 
 typedef enum pal_cell_form {

@@ -1,4 +1,5 @@
-/// @file gradients.c  Sparse gradient operators, inverted tables and the scatter they are built with.
+/// @file gradients.c  Sparse gradient operators, inverted tables and the scatter they are built
+/// with.
 ///
 /// Everything is ordered by index, never by address or by hash, so that the same cloud gives the
 /// same operator bit for bit.

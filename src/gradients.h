@@ -39,7 +39,8 @@ pal_status pal_gradients_create(pal_gradients *out, int32_t count, int64_t guess
 pal_status pal_gradients_append(pal_gradients *g, int32_t q, int32_t n, const int32_t *node,
                                 const double *weight, pal_error *error);
 
-/// For every node, the points whose operator uses it, ascending, as entry numbers k of the operator.
+/// For every node, the points whose operator uses it, ascending, as entry numbers k of the
+/// operator.
 /// @param[out] point  the point of each item, shape [start[count]] (allocated; the caller frees it)
 pal_status pal_gradients_users(const pal_gradients *g, int32_t node_count, pal_lists *entry,
                                int32_t **point, pal_error *error);
@@ -52,10 +53,10 @@ pal_status pal_lists_invert(const int32_t *table, int32_t item_count, int32_t pe
 /// A scatter of 3-vectors onto nodes that can be emptied in time proportional to what it holds.
 typedef struct pal_scatter {
     int32_t node_count;
-    int32_t count;    ///< nodes held
-    int32_t *node;    ///< (count) in order of arrival
-    double *value;    ///< (node_count x width) dense
-    uint8_t *held;    ///< (node_count)
+    int32_t count; ///< nodes held
+    int32_t *node; ///< (count) in order of arrival
+    double *value; ///< (node_count x width) dense
+    uint8_t *held; ///< (node_count)
     int32_t width;
 } pal_scatter;
 

@@ -101,20 +101,23 @@ static pal_status rule_options(pal_reading *r, const pal_value *value, int which
 static pal_status rule_stabilization(pal_reading *r, const pal_value *value,
                                      const pal_method *method) {
     int galerkin = method->kind == PALPATE_METHOD_GALERKIN;
-    int used = galerkin ? method->volumetric == PALPATE_VOLUMETRIC_MIXED
-                        : method->volumetric == PALPATE_VOLUMETRIC_NODAL ||
-                              method->volumetric == PALPATE_VOLUMETRIC_PATCH;
-    if (!used) {
+    int collocated = !galerkin && method->form == PALPATE_CELL_COLLOCATED;
+    pal_volumetric needed = galerkin     ? PALPATE_VOLUMETRIC_MIXED
+                            : collocated ? PALPATE_VOLUMETRIC_NODAL
+                                         : PALPATE_VOLUMETRIC_PATCH;
+    if (method->volumetric != needed) {
         return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_key(value, "stabilization"),
                                 "stabilization", "a factor of nothing",
-                                galerkin ? "with volumetric: mixed" : "with volumetric: nodal or patch",
+                                galerkin     ? "with volumetric: mixed"
+                                : collocated ? "with volumetric: nodal"
+                                             : "with volumetric: patch",
                                 "remove it");
     }
-    if (!galerkin && method->stabilization > 1.0) {
+    if (collocated && method->stabilization > 1.0) {
         char found[40];
         (void)snprintf(found, sizeof found, "%g", method->stabilization);
         return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_get(value, "stabilization"),
-                                "stabilization", found, "0 to 1 for kind: cell",
+                                "stabilization", found, "0 to 1 for form: collocated",
                                 "it is the part of the plain term that is blended in");
     }
     return PALPATE_OK;

@@ -231,12 +231,14 @@ static const pal_scene_key KEYS[] = {
      BIND(.kind = PALPATE_KEY_SWITCH, AT(struct pal_scene, method.fictitious), METHODS(POINT))},
     CHOICE("method.volumetric", "plain | nodal | mixed | patch",
            "(patch for cell, nodal for form: collocated, mixed for galerkin)",
-           "volumetric part: at the point, averaged at nodes, with pressures (galerkin only), averaged "
-           "over interior cells with the surface cells beside them (cell only)",
+           "volumetric part: at the point, averaged at nodes, with pressures (galerkin only), at nodes "
+           "and, towards nu = 0.5, over groups of cells (cell only)",
            struct pal_scene, method.volumetric, METHODS(CELL | COLLOCATED | GALERKIN)),
-    NUMBER("method.stabilization", "-", WITHIN(0, 1e6), "(0 for cell, 1 for galerkin)",
-           "cell, nodal: part of the plain term blended in, 0 to 1; galerkin, mixed: factor of the "
-           "pressure's stabilization",
+    NUMBER("method.stabilization", "-", WITHIN(0, 1e6),
+           "(5 for cell, 0 for form: collocated, 1 for galerkin)",
+           "cell: bulk modulus up to which single nodes resist, in shear moduli, the rest acts on "
+           "groups; collocated: part of the plain volumetric term blended in, 0 to 1; galerkin, mixed: "
+           "factor of the pressure's stabilization",
            struct pal_scene, method.stabilization, METHODS(CELL | COLLOCATED | GALERKIN)),
     INTEGER("method.integration", WITHIN(1, 64), "(the method's own)",
             "integration points per cell", struct pal_scene, method.integration, METHODS(GALERKIN),

@@ -11,16 +11,15 @@
 #include <lapacke.h>
 
 #include "src/cell_faces.h"
+#include "src/cell_groups.h"
 #include "src/discretization.h"
 #include "src/factor.h"
 
 static const double UNIT[3] = {1, 1, 1};
-static const pal_method SYMMETRIC = {.kind = PALPATE_METHOD_CELL,
-                                     .volumetric = PALPATE_VOLUMETRIC_PATCH,
-                                     .stabilization = -1};
-static const pal_method NODAL = {.kind = PALPATE_METHOD_CELL,
-                                 .volumetric = PALPATE_VOLUMETRIC_NODAL,
-                                 .stabilization = -1};
+static const pal_method SYMMETRIC = {
+    .kind = PALPATE_METHOD_CELL, .volumetric = PALPATE_VOLUMETRIC_PATCH, .stabilization = -1};
+static const pal_method NODAL = {
+    .kind = PALPATE_METHOD_CELL, .volumetric = PALPATE_VOLUMETRIC_NODAL, .stabilization = -1};
 static const pal_method COLLOCATED = {.kind = PALPATE_METHOD_CELL,
                                       .volumetric = PALPATE_VOLUMETRIC_NODAL,
                                       .form = PALPATE_CELL_COLLOCATED,
@@ -53,7 +52,8 @@ static double *zeros(size_t n) {
     return f;
 }
 
-/// Solve in place and check the residual, so that no test rests on a bad solve.
+/// Solve in place and check the residual (backward stable: rounding of |K| |x|), so that no test
+/// rests on a bad solve.
 static void solve(const pal_system *s, double *x) {
     pal_error e = {0};
     pal_factor *factor = NULL;
@@ -67,15 +67,19 @@ static void solve(const pal_system *s, double *x) {
     assert_int_equal(pal_factor_solve(factor, w, 1, x, &e), PALPATE_OK);
     pal_factor_workspace_free(w);
     pal_factor_free(factor);
-    double size = 0, left = 0;
+    double size = 0, left = 0, largest = 0, stiffest = 0;
     for (int32_t i = 0; i < s->unknown_count; i++) {
         size = fmax(size, fabs(b[i]));
+        largest = fmax(largest, fabs(x[i]));
+    }
+    for (int64_t k = 0; k < s->matrix.start[s->matrix.columns]; k++) {
+        stiffest = fmax(stiffest, fabs(s->matrix.value[k]));
     }
     pal_sparse_multiply(&s->matrix, -1, x, b);
     for (int32_t i = 0; i < s->unknown_count; i++) {
         left = fmax(left, fabs(b[i]));
     }
-    assert_true(left <= 1e-9 * size);
+    assert_true(left <= 1e-9 * size + 1e-14 * stiffest * largest);
     free(b);
 }
 
@@ -89,8 +93,8 @@ static void stress_of(double nu, const double g[3][3], double sigma[3][3]) {
     double mu = 0.5 / (1 + nu), lambda = nu / ((1 + nu) * (1 - 2 * nu));
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
-            sigma[i][j] = mu * (g[i][j] + g[j][i]) +
-                          (i == j ? lambda * (g[0][0] + g[1][1] + g[2][2]) : 0);
+            sigma[i][j] =
+                mu * (g[i][j] + g[j][i]) + (i == j ? lambda * (g[0][0] + g[1][1] + g[2][2]) : 0);
         }
     }
 }
@@ -112,7 +116,8 @@ static void walls_close_every_cell_and_share_the_volume(void **state) {
         for (int d = 0; d < 3; d++) {
             sum[3 * ends[0] + d] += f.wall[3 * p + d];
             sum[3 * ends[1] + d] -= f.wall[3 * p + d];
-            along += f.wall[3 * p + d] * (c.position[3 * ends[1] + d] - c.position[3 * ends[0] + d]);
+            along +=
+                f.wall[3 * p + d] * (c.position[3 * ends[1] + d] - c.position[3 * ends[0] + d]);
         }
         // S . e / 3 is the pair's share of volume, whatever the shapes
         assert_true(fabs(along / 3 - f.volume[p]) < 1e-15);
@@ -386,22 +391,115 @@ static double bending_error(const pal_method *method, double nu, int n) {
 
 static void bending_converges_at_second_order(void **state) {
     (void)state;
-    // measured: patch 4.1 % -> 0.91 % (nu 0.3), 3.1 % -> 0.72 % (0.49); nodal 2.2 % -> 0.59 %,
-    // 3.2 % -> 0.71 %; collocated 5.9 % -> 1.5 %,
-    // 6.1 % -> 1.7 %. Orders 1.9 to 2.2: below 1.7 something has become inconsistent.
-    const pal_method *methods[3] = {&SYMMETRIC, &NODAL, &COLLOCATED};
-    const double nus[] = {0.3, 0.49}, allowed[3] = {0.012, 0.01, 0.025};
-    static const char *const name[3] = {"patch", "nodal", "collocated"};
-    for (int m = 0; m < 3; m++) {
-        for (int k = 0; k < 2; k++) {
-            double coarse = bending_error(methods[m], nus[k], 5);
-            double fine = bending_error(methods[m], nus[k], 10);
-            print_message("# %s bending nu %g: %.3e %.3e order %.2f\n", name[m], nus[k],
-                          coarse, fine, log2(coarse / fine));
-            assert_true(log2(coarse / fine) > 1.7);
-            assert_true(fine < allowed[m]);
+    // measured at 10 cells a side, in the order below: 0.59, 0.57, 0.59 %; 0.59, 0.71 %; 1.5, 1.7
+    // %. Orders 1.9 to 2.3: below 1.7 something has become inconsistent.
+    static const struct {
+        const pal_method *method;
+        const char *name;
+        double nu, allowed;
+    } cases[] = {{&SYMMETRIC, "patch", 0.3, 0.008},       {&SYMMETRIC, "patch", 0.49, 0.008},
+                 {&SYMMETRIC, "patch", 0.4999, 0.008},    {&NODAL, "nodal", 0.3, 0.009},
+                 {&NODAL, "nodal", 0.49, 0.011},          {&COLLOCATED, "collocated", 0.3, 0.022},
+                 {&COLLOCATED, "collocated", 0.49, 0.025}};
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+        double coarse = bending_error(cases[k].method, cases[k].nu, 5);
+        double fine = bending_error(cases[k].method, cases[k].nu, 10);
+        print_message("# %s bending nu %g: %.3e %.3e order %.2f\n", cases[k].name, cases[k].nu,
+                      coarse, fine, log2(coarse / fine));
+        assert_true(log2(coarse / fine) > 1.7);
+        assert_true(fine < cases[k].allowed);
+    }
+}
+
+// ---- Near incompressibility: groups -----------------------------------------------------------
+
+static void groups_cover_the_body_and_share_freedoms(void **state) {
+    (void)state;
+    pal_error e = {0};
+    const int cells[3][3] = {{6, 6, 6}, {8, 8, 1}, {6, 5, 2}}; // thick, no interior, one layer
+    for (int k = 0; k < 3; k++) {
+        pal_cloud c;
+        pal_cell_faces f;
+        box(&c, UNIT, cells[k][0], cells[k][1], cells[k][2], 0.2);
+        assert_int_equal(pal_cell_faces_create(&c, &f, &e), PALPATE_OK);
+        int32_t *group = calloc((size_t)c.node_count, sizeof *group), count = 0;
+        int32_t *size = calloc((size_t)c.node_count, sizeof *size), alone = 0;
+        assert_int_equal(pal_cell_groups(&c, &f, group, &count, &e), PALPATE_OK);
+        for (int32_t i = 0; i < c.node_count; i++) {
+            assert_in_range(group[i], 0, count - 1);
+            size[group[i]]++;
+        }
+        for (int32_t i = 0; i < c.surface_count; i++) {
+            alone += size[group[i]] == 1; // a constraint whose freedoms a tool may take away
+        }
+        for (int32_t g = 0; g < count; g++) {
+            assert_true(size[g] > 0);
+        }
+        assert_int_equal(alone, 0);
+        int32_t interior = c.node_count - c.surface_count;
+        assert_true(interior > 0 ? count == interior : count < c.node_count / 3);
+        free(size);
+        free(group);
+        pal_cell_faces_clear(&f);
+        pal_cloud_clear(&c);
+    }
+}
+
+/// Tip deflection of a cantilever 5 x 1 x 1 under an end shear, over that of beam theory with
+/// shear, F (L^3 / 3 E I + 6 L / 5 G A) (E = 1, F = 1, clamp softer than theory by less than 2 %).
+static double cantilever(const pal_method *method, double nu, int n) {
+    pal_cloud c;
+    box(&c, (const double[3]){5, 1, 1}, 5 * n, n, n, 0.1);
+    uint8_t *fixed = flags(c.node_count);
+    for (int32_t i = 0; i < c.surface_count; i++) {
+        fixed[i] = c.position[3 * i] < 1e-9;
+    }
+    pal_system s;
+    build(&c, fixed, nu, method, &s);
+    double *weight = zeros((size_t)c.node_count), *x = zeros((size_t)s.unknown_count), tip = 0;
+    for (int32_t t = 0; t < c.triangle_count; t++) {
+        const int32_t *v = &c.triangle[3 * t];
+        double a[3], b[3];
+        int at_end = 1;
+        for (int k = 0; k < 3; k++) {
+            at_end = at_end && c.position[3 * v[k]] > 5 - 1e-9;
+            a[k] = c.position[3 * v[1] + k] - c.position[3 * v[0] + k];
+            b[k] = c.position[3 * v[2] + k] - c.position[3 * v[0] + k];
+        }
+        for (int k = 0; k < 3 && at_end; k++) {
+            weight[v[k]] += fabs(a[1] * b[2] - a[2] * b[1]) / 6;
         }
     }
+    for (int32_t i = 0; i < c.node_count; i++) {
+        if (weight[i] > 0) {
+            x[s.dof_unknown[3 * i + 2]] = weight[i];
+        }
+    }
+    solve(&s, x);
+    for (int32_t i = 0; i < c.node_count; i++) {
+        tip += weight[i] > 0 ? weight[i] * x[s.dof_unknown[3 * i + 2]] : 0;
+    }
+    free(weight);
+    free(x);
+    free(fixed);
+    pal_system_clear(&s);
+    pal_cloud_clear(&c);
+    return tip / (125.0 * 12 / 3 + 6.0 * 5 / 5 * 2 * (1 + nu));
+}
+
+static void no_locking_towards_incompressibility(void **state) {
+    (void)state;
+    // measured with 4 cells across: 1.002 at nu = 0.3, 0.956 at 0.4999 (the clamp resists the
+    // anticlastic curvature more; with 8 cells 0.961); without averaging (plain) 0.18
+    const double nus[] = {0.3, 0.45, 0.49, 0.499, 0.4999};
+    for (int k = 0; k < 5; k++) {
+        double tip = cantilever(&SYMMETRIC, nus[k], 4);
+        print_message("# cantilever nu %g: %.3f of beam theory\n", nus[k], tip);
+        assert_true(tip > 0.93 && tip < 1.03);
+    }
+    pal_method plain = SYMMETRIC;
+    plain.volumetric = PALPATE_VOLUMETRIC_PLAIN;
+    assert_true(cantilever(&plain, 0.4999, 4) < 0.5); // the test can tell locking
 }
 
 // ---- Symmetry and positivity -----------------------------------------------------------------
@@ -433,7 +531,8 @@ static void symmetric_form_is_symmetric_to_the_bit_and_positive(void **state) {
             }
         }
         // Cholesky exists: positive definite, so every compliance block is too
-        assert_int_equal(LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', (int)a->rows, dense, (int)a->rows), 0);
+        assert_int_equal(LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', (int)a->rows, dense, (int)a->rows),
+                         0);
         free(dense);
         pal_system_clear(&s);
     }
@@ -474,7 +573,7 @@ static void impossible_input_is_refused_with_a_reason(void **state) {
     pal_method m = SYMMETRIC;
     m.volumetric = PALPATE_VOLUMETRIC_MIXED;
     refused(&c, fixed, 0.3, &m, PALPATE_ERROR_UNSUPPORTED, "mixed");
-    m = SYMMETRIC;
+    m = COLLOCATED;
     m.stabilization = 2;
     refused(&c, fixed, 0.3, &m, PALPATE_ERROR_ARGUMENT, "stabilization");
     fixed[c.node_count - 1] = 1;
@@ -510,6 +609,8 @@ int main(void) {
         cmocka_unit_test(rigid_motion_gives_no_force),
         cmocka_unit_test(supports_balance_any_load_exactly),
         cmocka_unit_test(bending_converges_at_second_order),
+        cmocka_unit_test(groups_cover_the_body_and_share_freedoms),
+        cmocka_unit_test(no_locking_towards_incompressibility),
         cmocka_unit_test(symmetric_form_is_symmetric_to_the_bit_and_positive),
         cmocka_unit_test(impossible_input_is_refused_with_a_reason),
     };
