@@ -157,6 +157,52 @@ static pal_status check_spacing(const pal_scene *scene, const pal_body *body, pa
     return PALPATE_OK;
 }
 
+/// About how many nodes the spacing asks for: the body's box over h^3, refined balls besides (they may
+/// hide between the samples), the surface over h^2.
+static double estimate_nodes(const pal_surface_mesh *m, const pal_size_field *size) {
+    enum { SAMPLES = 24 };
+    double low[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, step[3], sum = 0.0, cell = 1.0;
+    for (int d = 0; d < 3; d++) {
+        double high = -HUGE_VAL;
+        for (size_t i = 0; i < (size_t)m->vertex_count; i++) {
+            low[d] = fmin(low[d], m->x[3 * i + (size_t)d]);
+            high = fmax(high, m->x[3 * i + (size_t)d]);
+        }
+        step[d] = (high - low[d]) / SAMPLES;
+        cell *= step[d];
+    }
+    for (int i = 0; i < SAMPLES * SAMPLES * SAMPLES; i++) {
+        const double x[3] = {low[0] + step[0] * (i % SAMPLES + 0.5),
+                             low[1] + step[1] * (i / SAMPLES % SAMPLES + 0.5),
+                             low[2] + step[2] * (i / SAMPLES / SAMPLES + 0.5)};
+        double h = pal_size_at(size, x);
+        sum += cell / (h * h * h);
+    }
+    for (int32_t i = 0; i < size->count; i++) {
+        double ratio = fmin(size->source[i].radius, 1.0) / size->source[i].spacing;
+        sum += ratio * ratio * ratio;
+    }
+    for (int32_t t = 0; t < m->triangle_count; t++) {
+        double n[3], h = pal_size_at(size, m->x + 3 * (size_t)m->v[3 * (size_t)t]);
+        sum += 0.5 * pal_smesh_normal(m, t, -1, NULL, n) / (h * h);
+    }
+    return sum;
+}
+
+static pal_status check_count(const pal_scene *scene, const pal_body *body, const pal_size_field *size,
+                              pal_error *error) {
+    static const double MOST = 1e7;
+    double nodes = estimate_nodes(&body->mesh, size);
+    if (!(nodes <= MOST)) {
+        char place[1400];
+        return pal_fail(error, PALPATE_ERROR_CLOUD,
+                        "%s: with its refinements it asks for about %.2g nodes, at most %.2g are built; use "
+                        "a coarser spacing or smaller refined zones",
+                        pal_place_text(scene, &scene->spacing_place, place, sizeof place), nodes, MOST);
+    }
+    return PALPATE_OK;
+}
+
 static int cancelled(const pal_progress *progress, double fraction) {
     return progress != NULL && progress->call != NULL &&
            progress->call(progress->user, "cloud", fraction, -1.0) != 0;
@@ -173,14 +219,20 @@ static pal_status build(pal_scene *scene, const pal_progress *progress, pal_body
         status = pal_size_from_scene(scene, body->length, size, error);
     }
     if (status == PALPATE_OK) {
+        status = check_count(scene, body, size, error);
+    }
+    if (status == PALPATE_OK) {
         status = pal_rims_imprint(scene, body, size, error);
+    }
+    if (status == PALPATE_OK) {
+        status = check_count(scene, body, size, error); // with the rims
     }
     if (status == PALPATE_OK && cancelled(progress, 0.05)) {
         status = pal_fail(error, PALPATE_ERROR_CANCELLED, "cloud: cancelled");
     }
     if (status == PALPATE_OK) {
-        status = body->is_file ? pal_surface_remesh(scene, body, size, error)
-                               : pal_smesh_remesh(&body->mesh, &body->shape, size, 8, error);
+        status = body->is_file ? pal_surface_remesh(scene, body, size, progress, error)
+                               : pal_smesh_remesh(&body->mesh, &body->shape, size, 8, progress, error);
     }
     if (status == PALPATE_OK && cancelled(progress, 0.2)) {
         status = pal_fail(error, PALPATE_ERROR_CANCELLED, "cloud: cancelled");

@@ -393,46 +393,59 @@ static void relax(pal_surface_mesh *m, const pal_shape *shape, const pal_size_fi
     }
 }
 
-pal_status pal_smesh_remesh(pal_surface_mesh *m, const pal_shape *shape, const pal_size_field *size,
-                            int rounds, pal_error *error) {
-    fill_size(m, size);
-    for (int round = 0; round < rounds; round++) {
+/// Split (or collapse) and flip until nothing changes, at most `passes` times.
+static pal_status adapt(pal_surface_mesh *m, const pal_shape *shape, const pal_size_field *size,
+                        int split, int passes, pal_error *error) {
+    for (int pass = 0; pass < passes; pass++) {
         int32_t done = 0;
-        // the first round may have far to go
-        for (int pass = 0; pass < (round == 0 ? 12 : 1); pass++) {
-            pal_status status = split_long(m, shape, size, 1, &done, error);
-            if (status != PALPATE_OK) {
-                return status;
-            }
-            flip_all(m);
-            if (done == 0) {
-                break;
-            }
+        pal_status status = split ? split_long(m, shape, size, 1, &done, error)
+                                  : collapse_short(m, &done, error);
+        if (status != PALPATE_OK) {
+            return status;
         }
-        for (int pass = 0; pass < (round == 0 ? 12 : 2); pass++) {
-            pal_status status = collapse_short(m, &done, error);
-            if (status != PALPATE_OK) {
-                return status;
-            }
-            flip_all(m);
-            if (done == 0) {
-                break;
-            }
-        }
-        for (int pass = 0; pass < 3; pass++) {
-            pal_status status = balance_curves(m, shape, size, error);
-            if (status != PALPATE_OK) {
-                return status;
-            }
-            relax(m, shape, size);
-            flip_all(m);
-        }
-    }
-    for (int pass = 0; pass < 20; pass++) {
-        relax(m, shape, size);
         flip_all(m);
+        if (done == 0) {
+            break;
+        }
     }
     return PALPATE_OK;
+}
+
+static pal_status report(const pal_progress *progress, int step, int steps, pal_error *error) {
+    if (progress != NULL && progress->call != NULL &&
+        progress->call(progress->user, "cloud", 0.05 + 0.15 * step / steps, -1.0) != 0) {
+        return pal_fail(error, PALPATE_ERROR_CANCELLED, "cloud: cancelled while meshing the surface");
+    }
+    return PALPATE_OK;
+}
+
+pal_status pal_smesh_remesh(pal_surface_mesh *m, const pal_shape *shape, const pal_size_field *size,
+                            int rounds, const pal_progress *progress, pal_error *error) {
+    enum { FINISHING = 20 };
+    int steps = 3 * rounds + FINISHING;
+    fill_size(m, size);
+    pal_status status = PALPATE_OK;
+    for (int round = 0; round < rounds && status == PALPATE_OK; round++) {
+        // the first round may have far to go
+        status = adapt(m, shape, size, 1, round == 0 ? 12 : 1, error);
+        if (status == PALPATE_OK) {
+            status = adapt(m, shape, size, 0, round == 0 ? 12 : 2, error);
+        }
+        for (int pass = 0; pass < 3 && status == PALPATE_OK; pass++) {
+            status = balance_curves(m, shape, size, error);
+            if (status == PALPATE_OK) {
+                relax(m, shape, size);
+                flip_all(m);
+                status = report(progress, 3 * round + pass, steps, error);
+            }
+        }
+    }
+    for (int pass = 0; pass < FINISHING && status == PALPATE_OK; pass++) {
+        relax(m, shape, size);
+        flip_all(m);
+        status = report(progress, 3 * rounds + pass, steps, error);
+    }
+    return status;
 }
 
 pal_status pal_smesh_refine(pal_surface_mesh *m, const pal_shape *shape, const pal_size_field *size,

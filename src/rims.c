@@ -266,7 +266,7 @@ static pal_status prepare(const pal_scene *scene, pal_body *body, const pal_size
     }
     if (status == PALPATE_OK) {
         status = body->is_file ? pal_smesh_refine(&body->mesh, &body->shape, &rough, error)
-                               : pal_smesh_remesh(&body->mesh, &body->shape, &rough, 2, error);
+                               : pal_smesh_remesh(&body->mesh, &body->shape, &rough, 2, NULL, error);
     } else {
         status = pal_fail(error, status, "body.patches: no memory for their rims");
     }

@@ -35,7 +35,8 @@ pal_status pal_surface_body(pal_scene *scene, pal_body *body, pal_error *error);
 /// Remesh body->mesh to the spacing wanted, or keep the input's triangles when that fails its checks
 /// (with a warning).
 /// @param size  may be made finer where the surface is thinner than the spacing
-pal_status pal_surface_remesh(pal_scene *scene, pal_body *body, pal_size_field *size, pal_error *error);
+pal_status pal_surface_remesh(pal_scene *scene, pal_body *body, pal_size_field *size,
+                              const pal_progress *progress, pal_error *error);
 
 /// The input surface in metres, for rendering.
 pal_status pal_surface_skin(const pal_body *body, pal_skin_source *skin, pal_error *error);

@@ -208,10 +208,11 @@ static pal_status refine_distant(const pal_body *body, const double *distance, d
 /// One attempt: remesh `body->mesh` and verify. *why is NULL when it is good; else `size` is finer
 /// where the mesh lies far from the input.
 static pal_status attempt(pal_body *body, pal_size_field *size, int32_t sources, double limit,
-                          double *distance, const char **why, pal_error *error) {
+                          double *distance, const char **why, const pal_progress *progress,
+                          pal_error *error) {
     double before = pal_smesh_volume(&body->mesh), worst, factor = 0.6;
     *why = NULL;
-    pal_status status = pal_smesh_remesh(&body->mesh, &body->shape, size, ROUNDS, error);
+    pal_status status = pal_smesh_remesh(&body->mesh, &body->shape, size, ROUNDS, progress, error);
     if (status != PALPATE_OK) {
         return status;
     }
@@ -249,7 +250,8 @@ static int spacing_fits(pal_surface_mesh *m, const pal_size_field *size) {
     return 1;
 }
 
-pal_status pal_surface_remesh(pal_scene *scene, pal_body *body, pal_size_field *size, pal_error *error) {
+pal_status pal_surface_remesh(pal_scene *scene, pal_body *body, pal_size_field *size,
+                              const pal_progress *progress, pal_error *error) {
     if (spacing_fits(&body->mesh, size)) {
         return PALPATE_OK;
     }
@@ -263,7 +265,7 @@ pal_status pal_surface_remesh(pal_scene *scene, pal_body *body, pal_size_field *
         status = pal_fail(error, PALPATE_ERROR_MEMORY, "cloud: no memory to check the surface");
     }
     for (int i = 0; i < ATTEMPTS && status == PALPATE_OK; i++, limit *= 0.8) {
-        status = attempt(body, size, sources, limit, distance, &why, error);
+        status = attempt(body, size, sources, limit, distance, &why, progress, error);
         if (status != PALPATE_OK || why == NULL) {
             break;
         }

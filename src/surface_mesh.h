@@ -86,8 +86,10 @@ double pal_smesh_volume(const pal_surface_mesh *m);
 
 /// Remesh: edges as long as the size field says, triangles near equilateral, features kept, every
 /// vertex on its constraints (remesh.c). `rounds` of split, collapse, flip, smooth.
+/// @param progress  may be NULL; reports 0.05 to 0.2 of stage "cloud"
+/// @return PALPATE_OK; PALPATE_ERROR_MEMORY; _CANCELLED
 pal_status pal_smesh_remesh(pal_surface_mesh *m, const pal_shape *shape, const pal_size_field *size,
-                            int rounds, pal_error *error);
+                            int rounds, const pal_progress *progress, pal_error *error);
 
 /// Only split what is longer than the size field says (keeps the surface as it is).
 pal_status pal_smesh_refine(pal_surface_mesh *m, const pal_shape *shape, const pal_size_field *size,

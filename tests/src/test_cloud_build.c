@@ -319,12 +319,17 @@ static void expect_failure(test_scene *t, const pal_progress *progress, pal_stat
     test_scene_clear(t);
 }
 
-static void too_coarse_a_spacing_is_refused(void **state) {
+static void impossible_spacings_and_places_are_refused(void **state) {
     (void)state;
     test_scene t;
     const double center[3] = {0, 0, 0};
     test_scene_box(&t, 0.2, 0.04, 0.04, center, 0.03);
     expect_failure(&t, NULL, PALPATE_ERROR_GEOMETRY, "body.spacing: 0.03 m is too coarse");
+    test_scene_box(&t, 0.2, 0.04, 0.04, center, 1e-5);
+    expect_failure(&t, NULL, PALPATE_ERROR_CLOUD, "body.spacing: with its refinements it asks for about");
+    test_scene_box(&t, 0.2, 0.04, 0.04, center, 0.01);
+    test_scene_refine_ball(&t, center, 0.002, 1e-6); // between the samples of the estimate
+    expect_failure(&t, NULL, PALPATE_ERROR_CLOUD, "smaller refined zones");
     const double far[3] = {1e6, 0, 0};
     test_scene_box(&t, 0.2, 0.04, 0.04, far, 0.01);
     expect_failure(&t, NULL, PALPATE_ERROR_GEOMETRY, "body sizes from the origin");
@@ -390,6 +395,9 @@ static void cancelling_stops_at_every_stage(void **state) {
     pal_progress progress = {cancel_at_once, &at};
     coarse_hemisphere(&t, 1.0);
     expect_failure(&t, &progress, PALPATE_ERROR_CANCELLED, "cancelled");
+    at = 0.1;
+    coarse_hemisphere(&t, 1.0);
+    expect_failure(&t, &progress, PALPATE_ERROR_CANCELLED, "cancelled while meshing the surface");
     at = 0.2;
     coarse_hemisphere(&t, 1.0);
     expect_failure(&t, &progress, PALPATE_ERROR_CANCELLED, "cancelled");
@@ -412,7 +420,7 @@ int main(void) {
         cmocka_unit_test(sphere_volume_and_area_converge_at_second_order),
         cmocka_unit_test(spacing_follows_the_field),
         cmocka_unit_test(the_design_hemisphere_has_good_cells),
-        cmocka_unit_test(too_coarse_a_spacing_is_refused),
+        cmocka_unit_test(impossible_spacings_and_places_are_refused),
         cmocka_unit_test(a_mesher_that_dies_is_a_clear_error),
         cmocka_unit_test(cancelling_stops_at_every_stage),
     };
