@@ -873,6 +873,12 @@ static void h5_files_on_disk_are_written_row_by_row(void **state) {
     assert_int_equal(pal_file_seal_path(PALPATE_FILE_RECORDING, 3, path, &error), PALPATE_OK);
     assert_int_equal(pal_file_verify_path(PALPATE_FILE_RECORDING, 3, path, &error), PALPATE_OK);
     assert_int_equal(pal_file_verify_path(PALPATE_FILE_RECORDING, 2, path, &error), PALPATE_ERROR_VERSION);
+    assert_int_equal(pal_file_seal_path(PALPATE_FILE_RECORDING, 3, "/no/such/file", &error), PALPATE_ERROR_IO);
+    char brief[300];
+    (void)snprintf(brief, sizeof brief, "%s/brief", directory);
+    spill(brief, "too short to be sealed", 22);
+    assert_int_equal(pal_file_seal_path(PALPATE_FILE_RECORDING, 3, brief, &error), PALPATE_ERROR_ARGUMENT);
+    assert_non_null(strstr(error.message, "too short"));
     assert_int_equal(pal_h5_open_file(path, &file, &error), PALPATE_OK);
     assert_int_equal(pal_h5_dims(file, "/a/b", PALPATE_H5_I64, 2, found, &error), PALPATE_OK);
     assert_int_equal(found[0], 10);

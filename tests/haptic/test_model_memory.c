@@ -1,5 +1,6 @@
 /// Allocation failure at every allocation of saving, loading and pressing a model: a clean error, no
-/// leak, no partial file, and the library works afterwards.
+/// leak, no partial file, and the library works afterwards. Also what happens to a file while it is
+/// being read: the allocation of its image is the moment between looking and reading.
 ///
 /// malloc and friends are replaced for this program; only calls made by its own code (libpalpate is
 /// linked statically) are counted and made to fail, not those inside HDF5 or libc.
@@ -9,9 +10,11 @@
 #include <stdint.h>
 #include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -26,6 +29,8 @@
 #endif
 
 static int counting, fail_at, calls;
+static size_t watched;           ///< an allocation of this size
+static void (*happening)(void); ///< is when this happens
 static void *live[4096];
 static int live_count;
 
@@ -72,6 +77,10 @@ static void *note(void *p) {
     return note(call)
 
 void *malloc(size_t size) {
+    if (counting && watched != 0 && size == watched) {
+        watched = 0;
+        happening();
+    }
     FAIL_OR(__libc_malloc(size));
 }
 void *calloc(size_t count, size_t size) {
@@ -198,11 +207,99 @@ static void pressing_survives(void **state) {
     survives(do_press, 4);
 }
 
+// ---- The file changes while it is read ------------------------------------------------------------
+
+static size_t file_size(void) {
+    struct stat st;
+    assert_int_equal(stat(path, &st), 0);
+    return (size_t)st.st_size;
+}
+
+static void shorten(void) {
+    (void)!truncate(path, (off_t)(file_size() / 2));
+}
+
+static void scribble(void) {
+    int fd = open(path, O_WRONLY);
+    (void)!pwrite(fd, "scribble", 8, (off_t)(file_size() / 2));
+    (void)close(fd);
+}
+
+static void overwrite_header(void) {
+    int fd = open(path, O_WRONLY);
+    (void)!pwrite(fd, "scribble", 8, 100);
+    (void)close(fd);
+}
+
+static void remove_it(void) {
+    (void)unlink(path);
+}
+
+static void replace_it(void) {
+    (void)pal_model_save(model, path, NULL);
+}
+
+static void lengthen(void) {
+    int fd = open(path, O_WRONLY | O_APPEND);
+    (void)!write(fd, "more", 4);
+    (void)close(fd);
+}
+
+static void files_that_change_under_the_reader(void **state) {
+    (void)state;
+    static const struct {
+        void (*what)(void);
+        pal_status then;
+    } cases[] = {
+        {shorten, PALPATE_ERROR_TRUNCATED},
+        {scribble, PALPATE_ERROR_CHECKSUM},
+        {overwrite_header, PALPATE_ERROR_CHECKSUM},
+        {remove_it, PALPATE_OK},  // the open file is still whole
+        {replace_it, PALPATE_OK}, // and so is the old one after an atomic rename
+        {lengthen, PALPATE_OK},   // what was there is read and verified
+    };
+    if (!REPLACED) {
+        skip();
+    }
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+        pal_error error = {0};
+        assert_int_equal(pal_model_save(model, path, &error), PALPATE_OK);
+        watched = file_size();
+        happening = cases[k].what;
+        fail_at = 0;
+        calls = live_count = 0;
+        counting = 1;
+        pal_status status = do_load(&error);
+        counting = 0;
+        assert_int_equal(watched, 0); // it did happen
+        assert_int_equal(status, cases[k].then);
+        assert_int_equal(live_count, 0);
+    }
+    assert_int_equal(pal_model_save(model, path, NULL), PALPATE_OK);
+}
+
+/// The model is in memory: nothing that happens to its file afterwards matters.
+static void files_that_change_after_loading(void **state) {
+    (void)state;
+    pal_model *m;
+    assert_int_equal(pal_model_load(path, &m, NULL), PALPATE_OK);
+    scribble();
+    shorten();
+    remove_it();
+    assert_int_equal(pal_model_check(m, NULL), PALPATE_OK);
+    size_t n = 9 * (size_t)m->info.column_count * (size_t)m->info.column_count;
+    assert_memory_equal(m->c_tt, model->c_tt, n * sizeof *m->c_tt);
+    pal_model_free(m);
+    assert_int_equal(pal_model_save(model, path, NULL), PALPATE_OK);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(saving_survives),
         cmocka_unit_test(loading_survives),
         cmocka_unit_test(pressing_survives),
+        cmocka_unit_test(files_that_change_under_the_reader),
+        cmocka_unit_test(files_that_change_after_loading),
     };
     return cmocka_run_group_tests(tests, setup, teardown);
 }
