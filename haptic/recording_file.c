@@ -416,6 +416,7 @@ static pal_status convert(conversion *c, const char *path, pal_error *error) {
     size_t expected = (size_t)c->records * sizeof(pal_tick_record);
     status = pal_h5_create(c->temporary, 0, expected, &c->file, error);
     if (status != PALPATE_OK) {
+        (void)unlink(c->temporary);
         return status;
     }
     status = write_facts(c, error);

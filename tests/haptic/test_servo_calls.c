@@ -36,6 +36,13 @@ static void trap(const char *name) {
 }
 
 #if TRAPS
+// exported, so that the C library's own calls come here as well
+PALPATE_API void *malloc(size_t size);
+PALPATE_API void *calloc(size_t count, size_t size);
+PALPATE_API void *realloc(void *old, size_t size);
+// (free stays ours alone: the C library frees what it keeps per thread when the thread ends)
+#pragma GCC visibility push(default)
+
 void *__libc_malloc(size_t size);
 void *__libc_calloc(size_t count, size_t size);
 void *__libc_realloc(void *old, size_t size);
@@ -56,7 +63,7 @@ void *realloc(void *old, size_t size) {
     return __libc_realloc(old, size);
 }
 
-void free(void *old) {
+__attribute__((visibility("hidden"))) void free(void *old) {
     trap("free");
     __libc_free(old);
 }
@@ -96,6 +103,7 @@ ssize_t read(int fd, void *data, size_t size) {
     trap("read");
     return real(fd, data, size);
 }
+#pragma GCC visibility pop
 #endif
 
 /// A device that marks its thread as the servo's.

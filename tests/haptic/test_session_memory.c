@@ -1,0 +1,303 @@
+/// Every allocation of a recorded session fails once, from the device to the converted file: a
+/// clean error, nothing leaked, no file left where there should be none, and no recorded tick lost.
+///
+/// The allocator is replaced by one that counts the calls of Palpate's own code and of the C
+/// library on its behalf (streams, locales, threads); HDF5's are let through: what it does without
+/// memory is not ours to mend. Sanitizers bring their own allocator: skipped there.
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <dlfcn.h>
+#include <errno.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include <palpate/session.h>
+
+#include "tests/support/synthetic_model.h"
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define SANITIZED 1
+#else
+#define SANITIZED 0
+#endif
+
+enum { LIVE_MAX = 1 << 14 };
+
+static atomic_flag lock = ATOMIC_FLAG_INIT;
+static volatile int watching;
+static volatile long calls;   ///< counted calls since the watch began
+static volatile long fail_at; ///< this one fails; 0: none
+static volatile int own_only; ///< 1: only Palpate's own calls count
+static void *live[LIVE_MAX];  ///< own blocks not yet freed, open addressing; (void *)live: deleted
+static volatile int overflow;
+
+#if !SANITIZED
+extern void *__libc_malloc(size_t);
+extern void *__libc_calloc(size_t, size_t);
+extern void *__libc_realloc(void *, size_t);
+extern void *__libc_memalign(size_t, size_t);
+extern void __libc_free(void *);
+PALPATE_API void *malloc(size_t n); // exported, so that libraries use them too
+PALPATE_API void *calloc(size_t n, size_t m);
+PALPATE_API void *realloc(void *p, size_t n);
+PALPATE_API void *aligned_alloc(size_t a, size_t n);
+PALPATE_API void free(void *p);
+
+static void enter(void) {
+    while (atomic_flag_test_and_set(&lock)) {
+    }
+}
+
+static void leave(void) {
+    atomic_flag_clear(&lock);
+}
+
+static size_t slot_of(const void *p) {
+    return ((uintptr_t)p >> 4) * 2654435761u % LIVE_MAX;
+}
+
+static void remember(void *p) {
+    size_t i = slot_of(p), n = 0;
+    while (live[i] != NULL && live[i] != (void *)live && n < LIVE_MAX) {
+        i = (i + 1) % LIVE_MAX;
+        n++;
+    }
+    overflow |= n == LIVE_MAX;
+    if (n < LIVE_MAX) {
+        live[i] = p;
+    }
+}
+
+static void forget(void *p) {
+    size_t i = slot_of(p);
+    for (size_t n = 0; live[i] != NULL && n < LIVE_MAX; n++) {
+        if (live[i] == p) {
+            live[i] = (void *)live;
+            return;
+        }
+        i = (i + 1) % LIVE_MAX;
+    }
+}
+
+/// 1 when the caller is Palpate's code (linked statically here).
+static int is_own(void *caller) {
+    Dl_info at, here;
+    return dladdr(caller, &at) != 0 && dladdr((void *)&live, &here) != 0 &&
+           at.dli_fbase == here.dli_fbase;
+}
+
+/// Count the call. @return 1 when it is to fail; *own tells whether to remember the block
+static int counted(void *caller, int *own) {
+    *own = 0;
+    if (!watching) {
+        return 0;
+    }
+    *own = is_own(caller);
+    if (own_only && !*own) {
+        return 0;
+    }
+    enter();
+    int now = ++calls == fail_at;
+    leave();
+    if (now) {
+        errno = ENOMEM;
+    }
+    return now;
+}
+
+static void *kept(void *p, int own) {
+    if (own && p != NULL) {
+        enter();
+        remember(p);
+        leave();
+    }
+    return p;
+}
+
+void *malloc(size_t n) {
+    int own;
+    return counted(__builtin_return_address(0), &own) ? NULL : kept(__libc_malloc(n), own);
+}
+
+void *calloc(size_t n, size_t m) {
+    int own;
+    return counted(__builtin_return_address(0), &own) ? NULL : kept(__libc_calloc(n, m), own);
+}
+
+void *aligned_alloc(size_t a, size_t n) {
+    int own;
+    return counted(__builtin_return_address(0), &own) ? NULL : kept(__libc_memalign(a, n), own);
+}
+
+void *realloc(void *p, size_t n) {
+    int own;
+    if (counted(__builtin_return_address(0), &own)) {
+        return NULL;
+    }
+    void *q = __libc_realloc(p, n);
+    if (q != NULL && p != NULL) {
+        enter();
+        forget(p);
+        leave();
+    }
+    return kept(q, own);
+}
+
+void free(void *p) {
+    if (p != NULL) {
+        enter();
+        forget(p);
+        leave();
+    }
+    __libc_free(p);
+}
+#endif
+
+static int leaked(void) {
+    int n = 0;
+    for (int i = 0; i < LIVE_MAX; i++) {
+        n += live[i] != NULL && live[i] != (void *)live;
+        live[i] = NULL;
+    }
+    return n;
+}
+
+static pal_model *model;
+static char folder[64], path[128], csv[128];
+enum { TICKS = 80 };
+
+static int set_up(void **state) {
+    (void)state;
+    synthetic_params p = synthetic_default_params();
+    model = synthetic_model(&p);
+    (void)snprintf(folder, sizeof folder, "/tmp/palpate-memory-XXXXXX");
+    if (model == NULL || mkdtemp(folder) == NULL) {
+        return 1;
+    }
+    (void)snprintf(path, sizeof path, "%s/run.h5", folder);
+    (void)snprintf(csv, sizeof csv, "%s/t.csv", folder);
+    FILE *file = fopen(csv, "w");
+    if (file == NULL) {
+        return 1;
+    }
+    fputs("time,x,y,z,qw,qx,qy,qz,button\n0,0,0,0.004,1,0,0,0,0\n0.08,0,0,0.002,1,0,0,0,0\n", file);
+    return fclose(file);
+}
+
+static int tear_down(void **state) {
+    (void)state;
+    char command[128];
+    pal_model_free(model);
+    (void)snprintf(command, sizeof command, "rm -rf %s", folder);
+    return system(command);
+}
+
+static int exists(const char *suffix) {
+    char name[160];
+    (void)snprintf(name, sizeof name, "%s%s", path, suffix);
+    return access(name, F_OK) == 0;
+}
+
+/// The whole life of a session. @param[out] stage  how far it came: 3 is all the way
+static pal_status live_through(int *stage, pal_error *error) {
+    pal_tool_def tool = pal_model_runtime(model)->tools[0];
+    tool.device.kind = PALPATE_DEVICE_REPLAY;
+    (void)snprintf(tool.device.path, sizeof tool.device.path, "%s", csv);
+    pal_session_def def = pal_session_default_def();
+    pal_session *session = NULL;
+    def.engine.tool_count = 1;
+    def.engine.tools = &tool;
+    def.duration = TICKS * 1e-3;
+    def.freewheel = 1;
+    def.record_path = path;
+    def.ring_ticks = 64;
+    *stage = own_only = 0;
+    pal_status status = pal_device_create(&tool, 1e-3, &def.devices[0], error);
+    if (status != PALPATE_OK) {
+        return status;
+    }
+    status = pal_session_create(model, &def, &session, error);
+    if (status != PALPATE_OK) {
+        def.devices[0].close(def.devices[0].self);
+        return status;
+    }
+    *stage = 1;
+    status = pal_session_start(session, error);
+    if (status == PALPATE_OK) {
+        *stage = 2;
+        own_only = 1;
+        status = pal_session_finish(session, error);
+    }
+    *stage += status == PALPATE_OK;
+    pal_session_free(session);
+    return status;
+}
+
+static void every_allocation_may_fail(void **state) {
+    (void)state;
+    if (SANITIZED) {
+        skip();
+    }
+    int stage, failed_at_stage[4] = {0, 0, 0, 0};
+    pal_error warm = {0};
+    assert_int_equal(live_through(&stage, &warm), PALPATE_OK); // libraries set themselves up once
+    long n = 0;
+    for (int hit = 1; hit;) {
+        pal_error error = {0};
+        (void)unlink(path);
+        n++;
+        calls = 0;
+        fail_at = n;
+        watching = 1;
+        pal_status status = live_through(&stage, &error);
+        watching = 0;
+        hit = calls >= n;
+        int lost = leaked();
+        if (lost != 0 || overflow) {
+            fail_msg("allocation %ld: %d blocks leaked at stage %d (%s)", n, lost, stage,
+                     error.message);
+        }
+        if (status == PALPATE_OK) { // not reached, or done without
+            assert_int_equal(stage, 3);
+            assert_true(exists("") && !exists(".ticks") && !exists(".frames"));
+            continue;
+        }
+        assert_true(hit);
+        failed_at_stage[stage]++;
+        if (status != PALPATE_ERROR_MEMORY && status != PALPATE_ERROR_SYSTEM &&
+            status != PALPATE_ERROR_IO) {
+            fail_msg("allocation %ld: %s: %s", n, pal_status_name(status), error.message);
+        }
+        assert_true(error.message[0] != 0);
+        assert_false(exists(".part"));
+        if (stage < 2) { // it never ran: nothing may be left
+            assert_false(exists(".ticks") || exists(".frames") || exists(""));
+        } else { // it ran: every tick is still there
+            pal_recording_summary s;
+            assert_true(exists(".ticks"));
+            if (pal_recording_convert(path, &s, &error) != PALPATE_OK) {
+                fail_msg("allocation %ld: %s", n, error.message);
+            }
+            assert_int_equal(s.records, TICKS);
+            assert_int_equal(s.complete, 1);
+        }
+    }
+    // device and session, threads, conversion: all were reached
+    assert_true(failed_at_stage[0] > 10);
+    assert_true(failed_at_stage[2] > 20);
+    print_message(
+        "%ld allocations: %d failures before the session, %d at its start, %d in its finish\n", n,
+        failed_at_stage[0], failed_at_stage[1], failed_at_stage[2]);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_allocation_may_fail)};
+    return cmocka_run_group_tests(tests, set_up, tear_down);
+}
