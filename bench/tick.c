@@ -4,10 +4,10 @@
 ///   read    a pure read of the single-precision block with the same vector width
 ///   single, half, double   this library's sweep (Eq. 53) in each storage precision
 ///   sgemv   OpenBLAS on the single-precision block, one thread
-/// Times are thread CPU times; each measurement is warmed by one untimed run, so a block that fits a
-/// cache is read from that cache. GB/s counts the bytes of the block once.
-/// Part 2: ticks in freewheel on a half space of 10 000 stored nodes with a sphere pressed and
-/// dragged over 16 or more contact points (or on a model file): quantiles of each stage.
+/// Times are thread CPU times; each measurement is warmed by one untimed run, so a block that fits
+/// a cache is read from that cache. GB/s counts the bytes of the block once. Part 2: ticks in
+/// freewheel on a half space of 10 000 stored nodes with a sphere pressed and dragged over 16 or
+/// more contact points (or on a model file): quantiles of each stage.
 ///
 ///     bench/tick [--quick] [--stages] [--ticks N] [MODEL]      (--stages: part 2 alone)
 /// writes bench/results/tick_kernel.csv, tick_stages.csv, tick_kernel.png (gnuplot).
@@ -154,8 +154,13 @@ static size_t kernel_bytes(const bench_block *b, int kernel) {
 }
 
 static void run_kernel(const bench_block *b, int kernel, pal_isa isa) {
-    pal_field_job job = {.ld = b->rows, .rows = b->rows, .count = b->columns, .dof = b->dof,
-                         .f = b->f, .f32 = b->f32, .out = b->out};
+    pal_field_job job = {.ld = b->rows,
+                         .rows = b->rows,
+                         .count = b->columns,
+                         .dof = b->dof,
+                         .f = b->f,
+                         .f32 = b->f32,
+                         .out = b->out};
     switch (kernel) {
     case KERNEL_READ:
         pure_read(isa, b->single, kernel_bytes(b, kernel));
@@ -191,7 +196,8 @@ static double time_kernel(const bench_block *b, int kernel, pal_isa isa) {
     return (cpu_seconds() - start) / repeat;
 }
 
-/// Rates over block size, one curve per kernel, with gnuplot (silently left out where it is missing).
+/// Rates over block size, one curve per kernel, with gnuplot (silently left out where it is
+/// missing).
 static void plot_kernels(void) {
     FILE *plot = popen("gnuplot 2>/dev/null", "w");
     if (plot == NULL) {
@@ -224,12 +230,13 @@ static void bench_kernels(int quick) {
     }
     printf("field kernel: %s; GB/s of the block, medians of %d interleaved rounds\n",
            pal_isa_name(isa), rounds);
-    printf("%7s %4s %9s | %6s %6s %6s %6s %6s | %9s %9s %11s\n", "nodes", "m", "MB", "read", "single",
-           "half", "double", "sgemv", "/read", "/sgemv", "half faster");
+    printf("%7s %4s %9s | %6s %6s %6s %6s %6s | %9s %9s %11s\n", "nodes", "m", "MB", "read",
+           "single", "half", "double", "sgemv", "/read", "/sgemv", "half faster");
     for (size_t a = 0; a < sizeof nodes / sizeof *nodes; a++) {
         for (size_t c = 0; c < sizeof contacts / sizeof *contacts; c++) {
             bench_block b = make_block(nodes[a], contacts[c]);
-            double time[KERNELS][64], to_read[64], to_sgemv[64], to_half[64];
+            double time[KERNELS][64] = {{0}}, to_read[64] = {0}, to_sgemv[64] = {0},
+                   to_half[64] = {0};
             for (int r = 0; r < rounds; r++) {
                 for (int k = 0; k < KERNELS; k++) {
                     time[k][r] = time_kernel(&b, k, isa);
@@ -250,10 +257,11 @@ static void bench_kernels(int quick) {
                    rate[0], rate[1], rate[2], rate[3], rate[4], r1, r2, r3);
             (void)fflush(stdout);
             if (csv != NULL) {
-                (void)fprintf(csv, "%d,%d,%zu,%.3f,%.3f,%.3f,%.3f,%.3f,%.4f,%.4f,%.4f,%.3f,%.3f,%.3f\n",
-                              (int)b.nodes, (int)b.contacts, kernel_bytes(&b, KERNEL_SINGLE), rate[0],
-                              rate[1], rate[2], rate[3], rate[4], r1, r2, r3, 1e6 * mid[KERNEL_SINGLE],
-                              1e6 * mid[KERNEL_HALF], 1e6 * mid[KERNEL_SGEMV]);
+                (void)fprintf(
+                    csv, "%d,%d,%zu,%.3f,%.3f,%.3f,%.3f,%.3f,%.4f,%.4f,%.4f,%.3f,%.3f,%.3f\n",
+                    (int)b.nodes, (int)b.contacts, kernel_bytes(&b, KERNEL_SINGLE), rate[0],
+                    rate[1], rate[2], rate[3], rate[4], r1, r2, r3, 1e6 * mid[KERNEL_SINGLE],
+                    1e6 * mid[KERNEL_HALF], 1e6 * mid[KERNEL_SGEMV]);
             }
             free_block(&b);
         }
@@ -322,13 +330,15 @@ static int bench_stages(const pal_model *model, size_t ticks) {
     uint64_t contacts = 0;
     int32_t most = 0;
     for (size_t k = 0; k < ticks; k++) { // press in over 500 ticks, then circles of 2 s
-        double depth = press * fmin(1.0, (double)k / 500.0), turn = 3.14159265358979 * ((double)k - 500.0) / 1000.0;
-        double swing = has_own ? tool.radius : 0.012, a = swing * sin(turn), b = swing * (1 - cos(turn));
+        double depth = press * fmin(1.0, (double)k / 500.0),
+               turn = 3.14159265358979 * ((double)k - 500.0) / 1000.0;
+        double swing = has_own ? tool.radius : 0.012, a = swing * sin(turn),
+               b = swing * (1 - cos(turn));
         pal_tool_state in = {.orientation = {1, 0, 0, 0}};
         double side[3] = {1, 0, 0}, other[3] = {0, 1, 0};
         for (int i = 0; i < 3; i++) {
-            in.position[i] = start[i] + depth * axis[i] +
-                             (k < 500 ? 0.0 : 0.5 * (a * side[i] + b * other[i]));
+            in.position[i] =
+                start[i] + depth * axis[i] + (k < 500 ? 0.0 : 0.5 * (a * side[i] + b * other[i]));
         }
         pal_tool_force out;
         double t0 = cpu_seconds();
@@ -346,11 +356,11 @@ static int bench_stages(const pal_model *model, size_t ticks) {
     pal_engine_get_counts(engine, &counts);
     printf("\ntick: %d stored nodes, %d touchable, %.1f contacts a tick (most %d), %.2f passes "
            "(worst %d), engine %zu bytes\n",
-           (int)info.row_count, (int)info.touchable_count, (double)contacts / (double)ticks, (int)most,
-           (double)counts.solver_iterations / (double)ticks, (int)counts.worst_iterations,
-           pal_engine_bytes(model, &def));
-    printf("%zu freewheel ticks, thread CPU time [us]\n%-28s %8s %8s %8s %8s\n", ticks, "stage", "p50",
-           "p99", "p99.9", "max");
+           (int)info.row_count, (int)info.touchable_count, (double)contacts / (double)ticks,
+           (int)most, (double)counts.solver_iterations / (double)ticks,
+           (int)counts.worst_iterations, pal_engine_bytes(model, &def));
+    printf("%zu freewheel ticks, thread CPU time [us]\n%-28s %8s %8s %8s %8s\n", ticks, "stage",
+           "p50", "p99", "p99.9", "max");
     FILE *csv = fopen("bench/results/tick_stages.csv", "w");
     if (csv != NULL) {
         (void)fprintf(csv, "stage,ticks,p50_us,p99_us,p999_us,max_us\n");

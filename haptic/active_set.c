@@ -1,4 +1,5 @@
-/// @file active_set.c  Eq. 52 on an ordered list of touched nodes, with a factor kept between ticks.
+/// @file active_set.c  Eq. 52 on an ordered list of touched nodes, with a factor kept between
+/// ticks.
 #include "haptic/active_set.h"
 
 #include <string.h>

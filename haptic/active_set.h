@@ -3,8 +3,8 @@
 /// De, Hong, Bathe 2003, Eq. 52. The set is an ordered list of column nodes; its matrix is factored
 /// by pal_dense (Cholesky of the stored symmetric block, LU with partial pivoting of a raw one). A
 /// Cholesky factor is kept and extended: appending nodes adds rows, removing one keeps the rows in
-/// front of it, an unchanged set costs two triangular solves. A row of the factor depends only on the
-/// rows before it, so the result depends on the order of the list and not on how it came about.
+/// front of it, an unchanged set costs two triangular solves. A row of the factor depends only on
+/// the rows before it, so the result depends on the order of the list and not on how it came about.
 /// Thread: one at a time. No allocation.
 #ifndef PALPATE_HAPTIC_ACTIVE_SET_H
 #define PALPATE_HAPTIC_ACTIVE_SET_H
@@ -15,30 +15,30 @@
 #include "haptic/model.h"
 
 typedef struct pal_active_set {
-    const double *c;   ///< C_TT, column-major
-    int64_t ld;        ///< 3 column_count
-    int symmetric;     ///< stored block is symmetric
-    int32_t capacity;  ///< nodes
-    int32_t count;     ///< nodes in the set
-    int32_t solved;    ///< unknowns of the last solve (f, dof of that solve are kept until the next)
-    int32_t factored;  ///< leading unknowns whose factor is valid
-    int32_t *column;   ///< column node of each, shape [capacity]
-    double *u;         ///< prescribed displacement [m], shape [capacity, 3]
-    double *f;         ///< forces of the last solve [N], shape [3 capacity]
-    int32_t *dof;      ///< their columns of C, shape [3 capacity]
-    double *matrix;    ///< factor, shape [3 capacity, 3 capacity], column-major
-    double *work;      ///< shape [3 capacity]
-    int32_t *pivot;    ///< shape [3 capacity]
-    int current;       ///< the set is that of the last solve
-    int32_t slots;     ///< nodes whose rows are cached
-    int32_t next;      ///< slot to give away next
-    int32_t stride;    ///< elements between cached rows
-    int32_t *slot;     ///< slot of each column node, -1: none; shape [column_count]
-    int32_t *owner;    ///< column node of each slot, -1: none; shape [slots]
-    int32_t *valid;    ///< leading unknowns gathered; shape [slots]
-    uint64_t *used;    ///< `solves` when last asked for; shape [slots]
-    uint64_t solves;   ///< solves so far
-    double *row;       ///< rows of C against the set's unknowns, shape [slots, 3, stride]
+    const double *c;  ///< C_TT, column-major
+    int64_t ld;       ///< 3 column_count
+    int symmetric;    ///< stored block is symmetric
+    int32_t capacity; ///< nodes
+    int32_t count;    ///< nodes in the set
+    int32_t solved;   ///< unknowns of the last solve (f, dof of that solve are kept until the next)
+    int32_t factored; ///< leading unknowns whose factor is valid
+    int32_t *column;  ///< column node of each, shape [capacity]
+    double *u;        ///< prescribed displacement [m], shape [capacity, 3]
+    double *f;        ///< forces of the last solve [N], shape [3 capacity]
+    int32_t *dof;     ///< their columns of C, shape [3 capacity]
+    double *matrix;   ///< factor, shape [3 capacity, 3 capacity], column-major
+    double *work;     ///< shape [3 capacity]
+    int32_t *pivot;   ///< shape [3 capacity]
+    int current;      ///< the set is that of the last solve
+    int32_t slots;    ///< nodes whose rows are cached
+    int32_t next;     ///< slot to give away next
+    int32_t stride;   ///< elements between cached rows
+    int32_t *slot;    ///< slot of each column node, -1: none; shape [column_count]
+    int32_t *owner;   ///< column node of each slot, -1: none; shape [slots]
+    int32_t *valid;   ///< leading unknowns gathered; shape [slots]
+    uint64_t *used;   ///< `solves` when last asked for; shape [slots]
+    uint64_t solves;  ///< solves so far
+    double *row;      ///< rows of C against the set's unknowns, shape [slots, 3, stride]
 } pal_active_set;
 
 size_t pal_active_set_bytes(const pal_model *model, int32_t capacity);

@@ -8,8 +8,8 @@
 /// tool). d is carried from tick to tick, so a tool pressed past the middle of a thin organ still
 /// pushes the side it came from; only nodes that face the tool (normal.d < 0) are its own.
 ///
-/// Target. A node touched where it lay at y = X + tau (tau: its displacement across d at first touch,
-/// caused by its neighbours) is moved along d to the far side of the tool:
+/// Target. A node touched where it lay at y = X + tau (tau: its displacement across d at first
+/// touch, caused by its neighbours) is moved along d to the far side of the tool:
 ///     u_a = tau + s d,    s = far end of the chord of the line y + s d through the solid.
 /// u_a starts where the free node was, so neither touch nor tool motion makes it jump, and a sphere
 /// deeper than its radius still pushes forward. A point tool takes the one node nearest to its line
@@ -145,8 +145,8 @@ static void summarise(nodes_law *law, pal_contact_result *result) {
     for (int32_t t = 0; t < law->def.tool_count; t++) {
         pal_contact_wrench *w = &result->tool[t];
         for (int i = 0; i < 3 && w->count > 0; i++) {
-            w->centroid[i] = weight[t] > 0.0 ? w->centroid[i] / weight[t]
-                                             : law->tool[t].solid.center[i];
+            w->centroid[i] =
+                weight[t] > 0.0 ? w->centroid[i] / weight[t] : law->tool[t].solid.center[i];
             w->normal[i] = -law->tool[t].dir[i];
         }
     }

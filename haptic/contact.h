@@ -47,12 +47,13 @@ typedef struct pal_contact_wrench {
 /// Result of one tick. Pointers stay valid until the next solve or reset.
 typedef struct pal_contact_result {
     pal_contact_wrench tool[PALPATE_TOOLS_MAX];
-    int32_t dof_count;          ///< a multiple of 3
-    const int32_t *dof;         ///< column degrees of freedom with a force, shape [dof_count]
-    const double *force;        ///< nodal forces on the body [N], shape [dof_count]
-    const double *displacement; ///< prescribed there [m], shape [dof_count]; NULL if the law has none
-    int32_t iterations;         ///< solver passes of this tick
-    int32_t dropped;            ///< contacts left out because of max_contacts
+    int32_t dof_count;   ///< a multiple of 3
+    const int32_t *dof;  ///< column degrees of freedom with a force, shape [dof_count]
+    const double *force; ///< nodal forces on the body [N], shape [dof_count]
+    const double
+        *displacement;  ///< prescribed there [m], shape [dof_count]; NULL if the law has none
+    int32_t iterations; ///< solver passes of this tick
+    int32_t dropped;    ///< contacts left out because of max_contacts
 } pal_contact_result;
 
 typedef struct pal_contact_law {

@@ -1,7 +1,8 @@
 /// @file contact_nodes.h  Data and parts of the contact law "nodes" (private to contact*.c).
 ///
 /// contact.c explains the law and holds its memory and summary; contact_reach.c finds which nodes a
-/// tool can reach and in which direction it pushes; contact_settle.c finds which of them carry force.
+/// tool can reach and in which direction it pushes; contact_settle.c finds which of them carry
+/// force.
 #ifndef PALPATE_HAPTIC_CONTACT_NODES_H
 #define PALPATE_HAPTIC_CONTACT_NODES_H
 
@@ -16,32 +17,32 @@
 typedef struct node_state {
     double offset[3]; ///< touched: tau [m]; held: position in the tool's frame [m]
     uint64_t stamp;
-    int32_t listed;   ///< index in the list of new contacts, -1
-    int8_t owner;     ///< tool, -1: free
+    int32_t listed; ///< index in the list of new contacts, -1
+    int16_t owner;   ///< tool, -1: free
     int8_t held;
-    int8_t let_go;    ///< times in this tick
-    int8_t dropped;   ///< left out in this tick
+    int8_t let_go;  ///< times in this tick
+    int8_t dropped; ///< left out in this tick
 } node_state;
 
 typedef struct tool_state {
-    pal_solid solid;      ///< now
-    pal_solid before;     ///< last tick
+    pal_solid solid;  ///< now
+    pal_solid before; ///< last tick
     pal_pose pose, pose_before;
-    double dir[3];        ///< d
-    double depth;         ///< of the last tick [m]
-    double travel;        ///< of the tool's surface since the last tick, at most [m]
-    int32_t *candidate;   ///< nodes that this tool may touch, shape [grid.count]
+    double dir[3];      ///< d
+    double depth;       ///< of the last tick [m]
+    double travel;      ///< of the tool's surface since the last tick, at most [m]
+    int32_t *candidate; ///< nodes that this tool may touch, shape [grid.count]
     int32_t candidates;
-    int32_t *near;        ///< those that may be inside it this tick, shape [grid.count]
+    int32_t *near; ///< those that may be inside it this tick, shape [grid.count]
     int32_t nears;
-    double moved;         ///< largest |u| of its nodes in the last tick [m]
-    int32_t pick;         ///< point tool: its node, -1
-    int has_before;       ///< a pose was seen before
-    int engaged;          ///< pushes along d
-    int outside;          ///< point tool: was outside the surface
-    int barred;           ///< sphere, capsule: met the surface from inside and is not clear of it
-    int closed;           ///< last tick's button
-    int holding;          ///< held nodes
+    double moved;   ///< largest |u| of its nodes in the last tick [m]
+    int32_t pick;   ///< point tool: its node, -1
+    int has_before; ///< a pose was seen before
+    int engaged;    ///< pushes along d
+    int outside;    ///< point tool: was outside the surface
+    int barred;     ///< sphere, capsule: met the surface from inside and is not clear of it
+    int closed;     ///< last tick's button
+    int holding;    ///< held nodes
 } tool_state;
 
 /// A node about to be touched, or one in the set, for the choice of the deepest.
@@ -55,13 +56,13 @@ typedef struct nodes_law {
     pal_contact_def def;
     pal_grid grid;
     pal_active_set set;
-    int32_t *member;   ///< grid node of each entry of the set, shape [max_contacts]
-    double *depth;     ///< u.d of each entry [m], shape [max_contacts]
-    node_state *node;  ///< shape [grid.count]
-    choice *fresh;     ///< new contacts of a pass, shape [grid.count]
-    choice *kept;      ///< the deepest, shape [max_contacts]
+    int32_t *member;  ///< grid node of each entry of the set, shape [max_contacts]
+    double *depth;    ///< u.d of each entry [m], shape [max_contacts]
+    node_state *node; ///< shape [grid.count]
+    choice *fresh;    ///< new contacts of a pass, shape [grid.count]
+    choice *kept;     ///< the deepest, shape [max_contacts]
     uint64_t tick;
-    double moved;      ///< largest |u| of a touched node in the last tick [m]
+    double moved;            ///< largest |u| of a touched node in the last tick [m]
     pal_contact_result good; ///< last result that could be solved
     tool_state tool[PALPATE_TOOLS_MAX];
 } nodes_law;
@@ -75,8 +76,9 @@ void pal_nodes_turn(nodes_law *law, int32_t t);
 /// Begin contact when tool t has come in from outside.
 void pal_nodes_engage(nodes_law *law, int32_t t);
 /// List the candidates of an engaged tool that may be inside it: those facing it whose line through
-/// the rest position meets the tool, widened by how far a free node can have moved. Near a contact the
-/// surface moves less than the contact does (half of it at most here); other tools count in full.
+/// the rest position meets the tool, widened by how far a free node can have moved. Near a contact
+/// the surface moves less than the contact does (half of it at most here); other tools count in
+/// full.
 void pal_nodes_narrow(nodes_law *law, int32_t t);
 /// The node a point tool presses: nearest to its line, facing it, over its own patch.
 void pal_nodes_pick(nodes_law *law, int32_t t);

@@ -1,8 +1,9 @@
 /// @file contact_reach.c  Law "nodes": which nodes a tool can reach, and where it pushes.
 ///
-/// Candidates come from a grid over rest positions, in a box around the tool stretched back along its
-/// direction by the depth of the last tick. Entering is tested on deformed positions X + C_TT f with
-/// the forces of the last tick; direction and levels use the rest surface, which does not wobble.
+/// Candidates come from a grid over rest positions, in a box around the tool stretched back along
+/// its direction by the depth of the last tick. Entering is tested on deformed positions X + C_TT f
+/// with the forces of the last tick; direction and levels use the rest surface, which does not
+/// wobble.
 #include "haptic/contact_nodes.h"
 
 #include <string.h>
@@ -18,8 +19,8 @@ static double off_line(const pal_solid *solid, const double d[3], const double x
     return fmax(0.0, dot(p, p) - b * b);
 }
 
-/// Radius over which normals are averaged: the patch a ball pressed to this depth covers, at least a
-/// few nodes.
+/// Radius over which normals are averaged: the patch a ball pressed to this depth covers, at least
+/// a few nodes.
 static double normal_radius(const nodes_law *law, const tool_state *tool) {
     double r = tool->solid.radius;
     double patch = fmin(r, sqrt(2.0 * r * fmax(0.0, tool->depth)));
@@ -122,8 +123,8 @@ static int32_t nearest(nodes_law *law, const tool_state *tool, double x[3]) {
     return best;
 }
 
-/// Node by which a point tool enters, -1: none. The tip is below the plane of its nearest node, over
-/// that node's own patch, and was outside before (or starts just below).
+/// Node by which a point tool enters, -1: none. The tip is below the plane of its nearest node,
+/// over that node's own patch, and was outside before (or starts just below).
 static int32_t enter_point(nodes_law *law, tool_state *tool) {
     double x[3];
     int32_t a = nearest(law, tool, x);
@@ -145,9 +146,9 @@ static int32_t enter_point(nodes_law *law, tool_state *tool) {
     return was_outside && across <= reach * reach ? a : -1;
 }
 
-/// Node by which a sphere or capsule enters, -1: none. The deepest node inside the tool now or on its
-/// way since the last tick, among those whose outside the tool was on. A tool that met the surface
-/// from inside is barred until it is clear of it.
+/// Node by which a sphere or capsule enters, -1: none. The deepest node inside the tool now or on
+/// its way since the last tick, among those whose outside the tool was on. A tool that met the
+/// surface from inside is barred until it is clear of it.
 static int32_t enter_solid(nodes_law *law, tool_state *tool) {
     int32_t best = -1, inside = 0;
     double least = 0.0;
@@ -170,8 +171,7 @@ static int32_t enter_solid(nodes_law *law, tool_state *tool) {
         // from the nearest point of the tool's axis one tick ago
         double p[3] = {x[0] - tool->before.center[0], x[1] - tool->before.center[1],
                        x[2] - tool->before.center[2]};
-        double along = fmax(-tool->before.half,
-                            fmin(tool->before.half, dot(p, tool->before.axis)));
+        double along = fmax(-tool->before.half, fmin(tool->before.half, dot(p, tool->before.axis)));
         for (int i = 0; i < 3; i++) {
             p[i] = along * tool->before.axis[i] - p[i];
         }

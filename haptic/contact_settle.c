@@ -184,7 +184,7 @@ static int32_t keep_deepest(nodes_law *law, int32_t fresh, pal_contact_result *r
 static void touch(nodes_law *law, const choice *c) {
     int32_t k = law->set.count;
     node_state *node = state_of(law, c->node);
-    node->owner = (int8_t)c->tool;
+    node->owner = (int16_t)c->tool;
     node->held = 0;
     memcpy(node->offset, c->offset, sizeof node->offset);
     law->member[k] = c->node;
@@ -226,8 +226,7 @@ static int32_t release_in_front(nodes_law *law) {
 static int any_pulled(const nodes_law *law) {
     for (int32_t k = 0; k < law->set.count; k++) {
         const node_state *node = &law->node[law->member[k]];
-        if (!node->held &&
-            dot(law->set.f + 3 * (size_t)k, law->tool[node->owner].dir) < 0.0) {
+        if (!node->held && dot(law->set.f + 3 * (size_t)k, law->tool[node->owner].dir) < 0.0) {
             return 1;
         }
     }

@@ -1,4 +1,5 @@
-/// @file engine.c  The tick: poses in, contact, forces out; then the field for readers that want it.
+/// @file engine.c  The tick: poses in, contact, forces out; then the field for readers that want
+/// it.
 ///
 /// pal_engine_force transforms device poses into the body frame, runs the contact law (Eq. 52) and
 /// the output stage; pal_engine_field sweeps the stored columns (Eq. 53) straight into the back
@@ -49,8 +50,8 @@ static pal_status check_tool(const pal_tool_def *tool, int32_t t, pal_error *err
                         tool->radius);
     }
     if (tool->shape == PALPATE_SHAPE_CAPSULE && !(tool->length >= 0.0 && isfinite(tool->length))) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "tools[%d].length: %g: must not be negative", (int)t, tool->length);
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "tools[%d].length: %g: must not be negative",
+                        (int)t, tool->length);
     }
     const pal_tool_limits *l = &tool->limits;
     if (!(l->force >= 0.0) || !(l->slew >= 0.0) || !(l->torque >= 0.0)) {
@@ -151,7 +152,8 @@ static void *take(unsigned char **at, size_t bytes) {
 pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def, pal_engine **out,
                              pal_error *error) {
     if (out == NULL) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "pal_engine_create: no place for the engine");
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "pal_engine_create: no place for the engine");
     }
     *out = NULL;
     pal_status status = check(model, def, error);
@@ -178,8 +180,8 @@ pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def, 
     engine->isa = pal_field_best();
     engine->law = pal_contact_law_for(&engine->def);
     pal_contact_def contact = contact_def(&engine->def);
-    engine->contact = engine->law->init(take(&at, engine->law->bytes(model, &contact)), model,
-                                        &contact);
+    engine->contact =
+        engine->law->init(take(&at, engine->law->bytes(model, &contact)), model, &contact);
     engine->force32 = take(&at, force32_bytes(model));
     memset(engine->force32, 0, force32_bytes(model));
     engine->rows = kernel_rows(model);
@@ -268,7 +270,8 @@ static uint32_t write_output(pal_engine *engine, int32_t t, uint32_t fault, doub
         force[i] = -w->force[i];
         torque[i] = -w->torque[i];
     }
-    *out = (pal_tool_force){.contact_count = w->count, .fault = fault | w->fault, .depth = w->depth};
+    *out =
+        (pal_tool_force){.contact_count = w->count, .fault = fault | w->fault, .depth = w->depth};
     memcpy(out->centroid, w->centroid, sizeof out->centroid);
     memcpy(out->normal, w->normal, sizeof out->normal);
     pal_frames_vector_to_device(&engine->frames, force, out->force);
@@ -296,7 +299,8 @@ uint32_t pal_engine_force(pal_engine *engine, const pal_tool_state in[], pal_too
         finite &= isfinite(engine->force32[k]) != 0;
     }
     for (int32_t t = 0; t < engine->def.tool_count; t++) {
-        value[t][2] = result->dof_count / 3;
+        int32_t nodes = result->dof_count / 3;
+        value[t][2] = nodes;
         value[t][3] = result->dropped;
         value[t][6] = result->iterations;
         uint32_t bits = write_output(engine, t, fault[t], value[t], &out[t]);

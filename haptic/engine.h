@@ -1,7 +1,7 @@
 /// @file engine.h  The engine's memory (private: engine, its tests and benches).
 ///
-/// One block: this struct, then the contact law's block, the readers and their buffers, the forces of
-/// the last tick in both precisions. Everything is placed at creation; nothing moves afterwards.
+/// One block: this struct, then the contact law's block, the readers and their buffers, the forces
+/// of the last tick in both precisions. Everything is placed at creation; nothing moves afterwards.
 #ifndef PALPATE_HAPTIC_ENGINE_H
 #define PALPATE_HAPTIC_ENGINE_H
 
@@ -21,12 +21,12 @@ struct pal_engine {
     pal_isa isa; ///< field kernel in use; tests and benches may change it
     const pal_contact_law *law;
     void *contact;
-    pal_contact_result result; ///< of the last tick
+    pal_contact_result result;                 ///< of the last tick
     pal_contact_tool input[PALPATE_TOOLS_MAX]; ///< last good poses, body frame
     pal_output output[PALPATE_TOOLS_MAX];
     pal_tool_force force[PALPATE_TOOLS_MAX]; ///< given out, force and torque in the body frame
-    float *force32; ///< result.force x row_scale, rounded; shape [3 column_count]
-    int64_t rows;   ///< rows the kernel computes: 3 row_count rounded up to a 64-byte line
+    float *force32;     ///< result.force x row_scale, rounded; shape [3 column_count]
+    int64_t rows;       ///< rows the kernel computes: 3 row_count rounded up to a 64-byte line
     pal_reader *reader; ///< shape [def.reader_count]
     pal_engine_counts counts;
     size_t bytes;

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #if defined(__x86_64__)
+#include <cpuid.h>
 #include <immintrin.h>
 #endif
 
@@ -95,6 +96,14 @@ static void sweep_scalar(const pal_field_job *job) {
 #undef SWEEP_HALF
 #endif
 
+#if defined(__x86_64__)
+/// Conversion of halves; a flag of its own that __builtin_cpu_supports does not know everywhere.
+static int have_f16c(void) {
+    unsigned a, b, c, d;
+    return __get_cpuid(1, &a, &b, &c, &d) && (c & bit_F16C) != 0;
+}
+#endif
+
 int pal_field_available(pal_isa isa) {
     switch (isa) {
     case PALPATE_ISA_SCALAR:
@@ -102,7 +111,7 @@ int pal_field_available(pal_isa isa) {
         return 1;
     case PALPATE_ISA_AVX2:
 #if defined(__x86_64__)
-        return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("f16c");
+        return __builtin_cpu_supports("avx2") && have_f16c();
 #else
         return 0;
 #endif

@@ -1,7 +1,7 @@
 /// @file field.h  The displacement field: a weighted sum of stored columns (private).
 ///
-/// Paper 1, Eq. 53:  U_b = C_ba f_a  over the stored rows. One call reads count x rows elements once
-/// and is bound by memory. Column-major block: the column of dof j starts at element j ld.
+/// Paper 1, Eq. 53:  U_b = C_ba f_a  over the stored rows. One call reads count x rows elements
+/// once and is bound by memory. Column-major block: the column of dof j starts at element j ld.
 ///
 /// Every variant (scalar twin, portable, AVX2, AVX-512) computes, for each row i on its own,
 ///     a = 0;  a = a + f[0] c0[i];  a = a + f[1] c1[i];  ...
@@ -25,10 +25,10 @@ typedef enum pal_isa {
 
 typedef struct pal_field_job {
     pal_precision precision;
-    const void *block;  ///< 64-byte aligned; columns of ld elements
-    int64_t ld;         ///< elements between columns, a multiple of 64 bytes
-    int64_t rows;       ///< rows to compute, a multiple of 8 (double), 16 (single), 32 (half); <= ld
-    int32_t count;      ///< columns to sum; 0 gives zero
+    const void *block; ///< 64-byte aligned; columns of ld elements
+    int64_t ld;        ///< elements between columns, a multiple of 64 bytes
+    int64_t rows;      ///< rows to compute, a multiple of 8 (double), 16 (single), 32 (half); <= ld
+    int32_t count;     ///< columns to sum; 0 gives zero
     const int32_t *dof; ///< column indices, shape [count]
     const double *f;    ///< nodal forces [N], shape [count]
     const float *f32;   ///< the same rounded to single precision, shape [count]

@@ -104,7 +104,7 @@ static void SWEEP(all)(const pal_field_job *job) {
         } else if (job->precision == PALPATE_PRECISION_HALF) {
             SWEEP(panel_half)(job, row, rows, out);
         } else {
-            double acc[SWEEP_ROWS_DOUBLE];
+            double acc[SWEEP_ROWS_DOUBLE] = {0.0};
             SWEEP(panel_double)(job, row, rows, acc);
             for (int64_t i = 0; i < rows; i++) {
                 out[i] = (float)acc[i];

@@ -36,8 +36,8 @@ static void layout(const pal_model *model, pal_grid *grid) {
         }
         first = 0;
     }
-    double extent = fmax(high[0] - grid->low[0],
-                         fmax(high[1] - grid->low[1], high[2] - grid->low[2]));
+    double extent =
+        fmax(high[0] - grid->low[0], fmax(high[1] - grid->low[1], high[2] - grid->low[2]));
     // about two nodes per cell on a surface: the area of a bounding face over half the count
     int32_t count = touchable_count(model);
     grid->cell = count > 0 ? extent * sqrt(2.0 / count) : 0.0;
@@ -87,8 +87,9 @@ static int32_t cell_of(const pal_grid *grid, const double x[3]) {
            grid->size[0] * (cell_along(grid, x[1], 1) + grid->size[1] * cell_along(grid, x[2], 2));
 }
 
-/// No point of a triangle is farther from its nearest corner than its longest edge / sqrt(3) when it
-/// is equilateral; 0.6 leaves a little for the others. Nodes without triangles get the mean spacing.
+/// No point of a triangle is farther from its nearest corner than its longest edge / sqrt(3) when
+/// it is equilateral; 0.6 leaves a little for the others. Nodes without triangles get the mean
+/// spacing.
 static void find_reach(const pal_model *model, pal_grid *grid) {
     for (int32_t a = 0; a < grid->count; a++) {
         grid->reach[a] = 0.0;

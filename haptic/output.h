@@ -5,9 +5,9 @@
 ///   slew limit     the force changes by at most slew x period per tick (vector difference)
 ///   force cap      |force| <= limits.force, direction kept
 ///   torque cap     |torque| <= limits.torque, direction kept
-/// A limit of zero means none. When slew or cap shorten the force, torque is left to its own cap: it
-/// is about the tool's origin and not a function of the force alone.
-/// Thread: servo. No allocation, lock, log or system call.
+/// A limit of zero means none. When slew or cap shorten the force, torque is left to its own cap:
+/// it is about the tool's origin and not a function of the force alone. Thread: servo. No
+/// allocation, lock, log or system call.
 #ifndef PALPATE_HAPTIC_OUTPUT_H
 #define PALPATE_HAPTIC_OUTPUT_H
 

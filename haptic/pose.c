@@ -85,7 +85,7 @@ int pal_pose_valid(const pal_pose *pose) {
 }
 
 pal_pose pal_pose_compose(const pal_pose *a, const pal_pose *b) {
-    pal_pose out;
+    pal_pose out = pal_pose_identity();
     pal_pose_apply(a, b->position, out.position);
     pal_quat_multiply(a->orientation, b->orientation, out.orientation);
     (void)pal_quat_normalize(out.orientation, out.orientation);
@@ -93,7 +93,7 @@ pal_pose pal_pose_compose(const pal_pose *a, const pal_pose *b) {
 }
 
 pal_pose pal_pose_inverse(const pal_pose *a) {
-    pal_pose out;
+    pal_pose out = pal_pose_identity();
     pal_quat_conjugate(a->orientation, out.orientation);
     pal_quat_rotate(out.orientation, a->position, out.position);
     for (int i = 0; i < 3; i++) {

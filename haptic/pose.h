@@ -36,7 +36,8 @@ typedef struct pal_frames {
 } pal_frames;
 
 /// From the engine's definition: body_pose^-1 o device_to_world, orientations normalised here.
-pal_frames pal_frames_make(const pal_pose *body_pose, const pal_pose *device_to_world, double scale);
+pal_frames pal_frames_make(const pal_pose *body_pose, const pal_pose *device_to_world,
+                           double scale);
 /// Device pose -> pose in the body frame. The device's quaternion is normalised.
 void pal_frames_to_body(const pal_frames *frames, const double position[3],
                         const double orientation[4], pal_pose *out);

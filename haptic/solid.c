@@ -1,8 +1,8 @@
 /// @file solid.c  Distance and line intersection of a capsule (sphere, point) in the body frame.
 ///
-/// The capsule is the union of two balls and the cylinder between them. It is convex, so a line meets
-/// it in one interval, whose ends are the smallest entry and the largest exit of the three parts (a
-/// line that leaves the cylinder through an end disc is inside a ball there).
+/// The capsule is the union of two balls and the cylinder between them. It is convex, so a line
+/// meets it in one interval, whose ends are the smallest entry and the largest exit of the three
+/// parts (a line that leaves the cylinder through an end disc is inside a ball there).
 #include "haptic/solid.h"
 
 #include <math.h>

@@ -1,7 +1,8 @@
 /// @file solid.h  The tool's solid in the body frame and its intersection with lines (private).
 ///
-/// One representation for all shapes: the points within `radius` of a segment. A sphere is a segment
-/// of length zero, a point a sphere of radius zero. Pure functions, no allocation, any thread.
+/// One representation for all shapes: the points within `radius` of a segment. A sphere is a
+/// segment of length zero, a point a sphere of radius zero. Pure functions, no allocation, any
+/// thread.
 #ifndef PALPATE_HAPTIC_SOLID_H
 #define PALPATE_HAPTIC_SOLID_H
 

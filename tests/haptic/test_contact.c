@@ -1,4 +1,5 @@
-/// The contact law "nodes" and its parts: solids, grid, active set; unilateral, grasp, several tools.
+/// The contact law "nodes" and its parts: solids, grid, active set; unilateral, grasp, several
+/// tools.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -64,7 +65,8 @@ static void chord_ends_lie_on_the_surface_and_hold_the_inside(void **state) {
             for (int i = 0; i < 3; i++) {
                 p[i] = x[i] + (end ? far : near) * d[i];
             }
-            assert_true(fabs(pal_solid_distance(&s, p)) < 1e-7); // grazing lines lose half the digits
+            assert_true(fabs(pal_solid_distance(&s, p)) <
+                        1e-7); // grazing lines lose half the digits
         }
         double low[3], high[3];
         pal_solid_box(&s, low, high);
@@ -191,8 +193,8 @@ static void kept_lu_gives_the_bits_of_a_new_one(void **state) {
 
 // ---- Unilateral ---------------------------------------------------------------------------------
 
-/// Complementarity over all touchable nodes, not only candidates: no touched node is pulled; no free
-/// node that faces a tool in contact is inside it.
+/// Complementarity over all touchable nodes, not only candidates: no touched node is pulled; no
+/// free node that faces a tool in contact is inside it.
 static void assert_settled(const rig *r, double tolerance) {
     nodes_law *law = law_of(r);
     for (int32_t a = 0; a < law->grid.count; a++) {
@@ -216,7 +218,8 @@ static void nothing_pulled_and_nothing_inside(void **state) {
     for (int skewed = 0; skewed < 2; skewed++) {
         rig r;
         rig_model(&r, 13, PALPATE_PRECISION_SINGLE, skewed ? 0.1 : 0.0);
-        r.tools[1] = (pal_tool_def){.shape = PALPATE_SHAPE_CAPSULE, .radius = 0.003, .length = 0.01};
+        r.tools[1] =
+            (pal_tool_def){.shape = PALPATE_SHAPE_CAPSULE, .radius = 0.003, .length = 0.01};
         r.tools[2] = (pal_tool_def){.shape = PALPATE_SHAPE_SPHERE, .radius = 0.006};
         r.def.tool_count = 3;
         r.def.max_contacts = 128;
@@ -346,7 +349,8 @@ static void sliding_is_bounded(void **state) {
     rig_free(&r);
 }
 
-// ---- Points, capsules, grasp, several tools -------------------------------------------------------
+// ---- Points, capsules, grasp, several tools
+// -------------------------------------------------------
 
 static void point_presses_its_nearest_node(void **state) {
     (void)state;
@@ -495,7 +499,8 @@ static void two_tools_on_one_node_share_nothing(void **state) {
     rig_engine(&r);
     pal_tool_force out[2];
     for (int k = 0; k <= 60; k++) { // the same place: the deeper one has the node
-        pal_tool_state in[2] = {rig_state(0, 0, 0.0041 - 1e-5 * k), rig_state(0, 0, 0.0041 - 2e-5 * k)};
+        pal_tool_state in[2] = {rig_state(0, 0, 0.0041 - 1e-5 * k),
+                                rig_state(0, 0, 0.0041 - 2e-5 * k)};
         (void)pal_engine_tick(r.engine, in, out);
         for (int32_t i = 0; i < r.engine->result.dof_count; i++) {
             for (int32_t j = 0; j < i; j++) {

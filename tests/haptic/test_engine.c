@@ -146,7 +146,7 @@ static void press_pushes_back_grows_and_ends(void **state) {
         assert_true(fabs(out.centroid[0]) < 1e-9 && out.centroid[2] < 0.0);
     }
     assert_int_equal(out.contact_count, 9); // Hertz: radius sqrt(R d) = 3.5 mm, nodes 2 mm apart
-    for (int k = 99; k >= 1; k--) { // on the way out it only falls
+    for (int k = 99; k >= 1; k--) {         // on the way out it only falls
         out = rig_tick(&r, 0, 0, 0.004 - 3e-5 * k);
         assert_true(out.force[2] > 0.0 && out.force[2] < before);
         before = out.force[2];
@@ -353,7 +353,8 @@ static void reset_forgets_and_repeats(void **state) {
     rig_free(&r);
 }
 
-// ---- Determinism, several engines, readers -------------------------------------------------------
+// ---- Determinism, several engines, readers
+// -------------------------------------------------------
 
 static void forces_do_not_depend_on_fields_readers_or_other_engines(void **state) {
     (void)state;
@@ -367,8 +368,8 @@ static void forces_do_not_depend_on_fields_readers_or_other_engines(void **state
     assert_ptr_not_equal(a.engine, b.engine);
     pal_frame frame;
     for (int k = 0; k < 300; k++) {
-        pal_tool_state in = rig_state(0.003 * sin(0.02 * k), 0.002 * cos(0.03 * k),
-                                      0.0035 + 0.001 * cos(0.05 * k));
+        pal_tool_state in =
+            rig_state(0.003 * sin(0.02 * k), 0.002 * cos(0.03 * k), 0.0035 + 0.001 * cos(0.05 * k));
         pal_tool_force fa, fb;
         (void)pal_engine_tick(a.engine, &in, &fa);
         if (k % 3 == 0) {

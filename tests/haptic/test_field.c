@@ -142,7 +142,8 @@ static void sum_is_within_the_rounding_bound(void **state) {
         for (int64_t i = 0; i < job.rows; i++) {
             double sum = 0.0, magnitude = 0.0;
             for (int k = 0; k < job.count; k++) {
-                double term = x.f[k] * block_value(&x, (pal_precision)p, x.dof[k] * (int64_t)LD + i);
+                double term =
+                    x.f[k] * block_value(&x, (pal_precision)p, x.dof[k] * (int64_t)LD + i);
                 sum += term;
                 magnitude += fabs(term);
             }
@@ -180,9 +181,9 @@ static void best_is_available_and_named(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(variants_agree_single),       cmocka_unit_test(variants_agree_half),
-        cmocka_unit_test(variants_agree_double),       cmocka_unit_test(sum_is_within_the_rounding_bound),
-        cmocka_unit_test(no_force_gives_zero),         cmocka_unit_test(best_is_available_and_named),
+        cmocka_unit_test(variants_agree_single), cmocka_unit_test(variants_agree_half),
+        cmocka_unit_test(variants_agree_double), cmocka_unit_test(sum_is_within_the_rounding_bound),
+        cmocka_unit_test(no_force_gives_zero),   cmocka_unit_test(best_is_available_and_named),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

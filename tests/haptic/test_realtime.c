@@ -117,10 +117,8 @@ static void make(rig *r, double skew) {
     rig_model(r, 13, PALPATE_PRECISION_SINGLE, skew);
     r->tools[0].limits = (pal_tool_limits){.force = 0.2, .slew = 0.05, .torque = 1e-4};
     r->tools[1] = (pal_tool_def){.name = "tip", .shape = PALPATE_SHAPE_POINT};
-    r->tools[2] = (pal_tool_def){.name = "shaft",
-                                 .shape = PALPATE_SHAPE_CAPSULE,
-                                 .radius = 0.003,
-                                 .length = 0.01};
+    r->tools[2] = (pal_tool_def){
+        .name = "shaft", .shape = PALPATE_SHAPE_CAPSULE, .radius = 0.003, .length = 0.01};
     r->def.tool_count = 3;
     r->def.max_contacts = 12;
     rig_engine(r);

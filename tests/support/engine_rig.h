@@ -12,8 +12,8 @@ typedef struct rig {
     pal_engine *engine;
 } rig;
 
-/// n x n touchable nodes 2 mm apart, a node at the origin when n is odd; one sphere tool, radius 4 mm.
-/// Aborts the test when out of memory.
+/// n x n touchable nodes 2 mm apart, a node at the origin when n is odd; one sphere tool, radius 4
+/// mm. Aborts the test when out of memory.
 void rig_model(rig *r, int32_t n, pal_precision precision, double skew);
 /// Create the engine from r->def and r->tools (asserts success).
 void rig_engine(rig *r);
