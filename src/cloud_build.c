@@ -12,6 +12,7 @@
 #include "src/geometry.h"
 #include "src/mesher_client.h"
 #include "src/rims.h"
+#include "src/scene_size.h"
 #include "src/surface.h"
 #include "src/vec.h"
 
@@ -203,6 +204,28 @@ static pal_status check_count(const pal_scene *scene, const pal_body *body, cons
     return PALPATE_OK;
 }
 
+/// Surface files: refuse spacings that ask for absurdly many nodes (the scene did it for primitives).
+static pal_status check_size(pal_scene *scene, const pal_body *body, pal_error *error) {
+    double low[3] = {INFINITY, INFINITY, INFINITY};
+    double high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    double volume = 0.0;
+    const double *x = body->mesh.x;
+    for (int32_t t = 0; t < body->mesh.triangle_count && body->is_file; t++) {
+        const double *a = x + 3 * (size_t)body->mesh.v[3 * (size_t)t];
+        const double *b = x + 3 * (size_t)body->mesh.v[3 * (size_t)t + 1];
+        const double *c = x + 3 * (size_t)body->mesh.v[3 * (size_t)t + 2];
+        for (int i = 0; i < 3; i++) {
+            int j = (i + 1) % 3;
+            int k = (i + 2) % 3;
+            low[i] = fmin(low[i], body->length * a[i]);
+            high[i] = fmax(high[i], body->length * a[i]);
+            volume += a[i] * (b[j] * c[k] - b[k] * c[j]) / 6.0;
+        }
+    }
+    double unit = body->length * body->length * body->length;
+    return body->is_file ? pal_scene_check_size(scene, low, high, volume * unit, error) : PALPATE_OK;
+}
+
 static int cancelled(const pal_progress *progress, double fraction) {
     return progress != NULL && progress->call != NULL &&
            progress->call(progress->user, "cloud", fraction, -1.0) != 0;
@@ -214,6 +237,9 @@ static pal_status build(pal_scene *scene, const pal_progress *progress, pal_body
     pal_status status = pal_body_make(scene, body, error);
     if (status == PALPATE_OK) {
         status = check_spacing(scene, body, error);
+    }
+    if (status == PALPATE_OK) {
+        status = check_size(scene, body, error);
     }
     if (status == PALPATE_OK) {
         status = pal_size_from_scene(scene, body->length, size, error);

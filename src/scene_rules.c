@@ -139,8 +139,8 @@ pal_status pal_rule_method(pal_reading *r, const pal_value *value, void *object)
     }
     const pal_value *volumetric = pal_value_get(value, "volumetric");
     if (pal_value_is_null(volumetric)) {
-        method->volumetric = point      ? PALPATE_VOLUMETRIC_PLAIN
-                             : galerkin ? PALPATE_VOLUMETRIC_MIXED
+        method->volumetric = point        ? PALPATE_VOLUMETRIC_PLAIN
+                             : galerkin   ? PALPATE_VOLUMETRIC_MIXED
                              : collocated ? PALPATE_VOLUMETRIC_NODAL
                                           : PALPATE_VOLUMETRIC_PATCH;
     } else if (method->volumetric == PALPATE_VOLUMETRIC_PATCH && (galerkin || collocated)) {
@@ -150,7 +150,8 @@ pal_status pal_rule_method(pal_reading *r, const pal_value *value, void *object)
                                 "leave it out");
     } else if (method->volumetric == PALPATE_VOLUMETRIC_MIXED && !galerkin) {
         return pal_reading_fail(r, PALPATE_ERROR_SCENE, volumetric, "volumetric", "mixed",
-                                "plain, nodal or patch for kind: cell", "leave it out, or kind: galerkin");
+                                "plain, nodal or patch for kind: cell",
+                                "leave it out, or kind: galerkin");
     }
     if (pal_value_is_null(pal_value_get(value, "stabilization"))) {
         method->stabilization = -1.0;
@@ -159,6 +160,8 @@ pal_status pal_rule_method(pal_reading *r, const pal_value *value, void *object)
     }
     if (!point) {
         method->fictitious = 0;
+    } else if (pal_value_is_null(pal_value_get(value, "fictitious"))) {
+        method->fictitious = method->basis != PALPATE_BASIS_LINEAR; // paper 1 has none
     }
     if (!point && !collocated) {
         method->exponent = 0;

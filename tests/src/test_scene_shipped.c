@@ -85,6 +85,23 @@ static void the_organ_builds(void **state) {
     check_scene("organ.yaml", 1200, 4000, 100);
 }
 
+/// A spacing that would ask for millions of nodes is refused before any mesher starts.
+static void an_absurd_spacing_on_a_surface_file_is_refused(void **state) {
+    (void)state;
+    char path[1024];
+    pal_scene *scene;
+    pal_cloud cloud = {0};
+    pal_error error = {0};
+    const char *const set[] = {"body.spacing=0.0005"};
+    shipped("organ.yaml", path, sizeof path);
+    assert_int_equal(pal_scene_load(path, set, 1, &scene, &error), PALPATE_OK);
+    assert_int_equal(pal_cloud_build(scene, NULL, &cloud, NULL, &error), PALPATE_ERROR_SCENE);
+    assert_non_null(strstr(error.message, "--set body.spacing=0.0005: body.spacing: found 0.0005 m"));
+    assert_non_null(strstr(error.message, "allowed: at most 200000 nodes"));
+    pal_scene_free(scene);
+    pal_cloud_clear(&cloud);
+}
+
 /// Reads an OBJ with "v x y z" and "f a b c" lines only.
 static int read_obj(const char *path, double (**v)[3], int (**f)[3], int *vertices, int *faces) {
     FILE *file = fopen(path, "r");
@@ -211,6 +228,7 @@ int main(void) {
         cmocka_unit_test(the_hemisphere_builds),
         cmocka_unit_test(the_block_builds),
         cmocka_unit_test(the_organ_builds),
+        cmocka_unit_test(an_absurd_spacing_on_a_surface_file_is_refused),
     };
     return cmocka_run_group_tests_name("scene_shipped", tests, NULL, NULL);
 }
