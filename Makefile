@@ -96,7 +96,7 @@ OFFLINE    := $(if $(OFFLINE_SRC),$(OFFLINE_A) $(OFFLINE_SO))
 
 .DEFAULT_GOAL := all
 .PHONY: all help deps deps-check demo test check bench install uninstall clean format lint docs \
-        asan ubsan tsan coverage build-all build-tests run-tests print-config
+        trainer asan ubsan tsan coverage build-all build-tests run-tests print-config
 
 all: build-all ## build libraries and programs
 
@@ -213,6 +213,11 @@ bench-%: ## build and run one bench, e.g. make bench-tick
 	@$(MAKE) --no-print-directory -j$(JOBS) build-all $(BUILD)/bench/$*
 	@mkdir -p bench/results && $(BUILD)/bench/$* $(ARGS)
 
+# ---- An example host: installed headers and libpalpate only, never part of the program ----------
+trainer: $(LIB_SO) ## build the example trainer, a host that embeds libpalpate
+	$(Q)$(CC) $(STD) $(WARN) $(WERROR) $(OPT) -Iinclude haptic/program/embed/trainer.c $(RPATH) -L$(BUILD) -l:libpalpate.so.$(ABI) -pthread -lm -o $(BUILD)/trainer
+	@echo "$(BUILD)/trainer MODEL [SECONDS [MESH.obj SCALE [OUT.obj]]]"
+
 # ---- Install ---------------------------------------------------------------------------------
 bindir     := $(DESTDIR)$(prefix)/bin
 libdir     := $(DESTDIR)$(prefix)/lib
@@ -244,7 +249,7 @@ uninstall: ## remove what install put there
 
 # ---- Tidy ------------------------------------------------------------------------------------
 ALL_SRC := $(ONLINE_SRC) $(OFFLINE_SRC) $(MESHER_SRC) $(VIEW_SRC) $(PROGRAM_SRC)
-ALL_FILES := $(ALL_SRC) $(wildcard include/palpate/*.h haptic/*.h haptic/*/*.h src/*.h src/*/*.h \
+ALL_FILES := $(ALL_SRC) $(wildcard include/palpate/*.h haptic/*.h haptic/*/*.h haptic/program/embed/*.c src/*.h src/*/*.h \
              tests/*/*.[ch] bench/*.[ch])
 
 clean: ## remove everything built

@@ -1,0 +1,147 @@
+#!/bin/sh
+# What `make install` puts below a prefix is enough for a host: README's ten-line example and a small
+# trainer (haptic/program/embed/trainer.c) are compiled with pkg-config alone and run on a model. The
+# online library and `palpate run MODEL` load nothing GPL. `make uninstall` leaves nothing.
+set -u
+if [ "${VARIANT:-plain}" != plain ]; then
+	echo "1..0 # SKIP a host without sanitizers cannot link a library with them"
+	exit 0
+fi
+work=$(mktemp -d); trap 'rm -rf "$work"' EXIT
+prefix=$work/prefix
+unset MAKEFLAGS MFLAGS MAKELEVEL # of the make that runs the tests: its job server is not ours
+n=0; bad=0
+check() { # check NAME STATUS
+	n=$((n + 1))
+	if [ "$2" -eq 0 ]; then echo "ok $n - $1"; else
+		echo "not ok $n - $1"; bad=1; sed 's/^/# /' "$work/log" 2>/dev/null | tail -n 12
+	fi
+}
+make_in() { make --no-print-directory -C "$PALPATE_SOURCE" BUILD="$BUILD" CC="$CC" "$@" >"$work/log" 2>&1; }
+value() { awk -v k="$2" '$1 == k { print $2 }' "$1"; } # value FILE KEY
+test_that() { awk "BEGIN { exit !($1) }"; }             # test_that EXPRESSION
+
+# ---- install ---------------------------------------------------------------------------------------
+make_in install PREFIX="$prefix"
+check "make install PREFIX=..." $?
+make_in install DESTDIR="$work/stage" PREFIX=/opt/palpate
+[ "$(cd "$prefix" && find . | sort)" = "$(cd "$work/stage/opt/palpate" && find . | sort)" ]
+check "make install DESTDIR=... puts the same below DESTDIR" $?
+! grep -r -q "$work/stage" "$work/stage/opt/palpate/lib/pkgconfig" &&
+	grep -q '^prefix=/opt/palpate$' "$work/stage/opt/palpate/lib/pkgconfig/palpate.pc"
+check "and no installed file names DESTDIR" $?
+ls "$PALPATE_SOURCE/include/palpate" >"$work/headers"
+ls "$prefix/include/palpate" | diff "$work/headers" - >"$work/log"
+check "every public header is installed, nothing else" $?
+for h in $(cat "$work/headers"); do
+	printf '#include <palpate/%s>\nint main(void) { return 0; }\n' "$h" >"$work/h.c"
+	"$CC" -std=c11 -Wall -Wextra -Wpedantic -Werror -I"$prefix/include" -fsyntax-only "$work/h.c" &&
+		"$CC" -x c++ -std=c++17 -Wall -Wextra -Werror -I"$prefix/include" -fsyntax-only "$work/h.c" ||
+		echo "$h" >>"$work/refused"
+done >"$work/log" 2>&1
+[ ! -e "$work/refused" ]
+check "each compiles alone, as C11 and as C++17" $?
+PATH=$prefix/bin:$PATH
+PKG_CONFIG_PATH=$prefix/lib/pkgconfig; export PKG_CONFIG_PATH
+[ "$(command -v palpate)" = "$prefix/bin/palpate" ] &&
+	[ "$(palpate --version | grep -o '[0-9.]*[0-9]' | head -1)" = "$(pkg-config --modversion palpate)" ]
+check "the installed program and pkg-config agree on the version" $?
+
+# ---- a model, made by the installed program ----------------------------------------------------------
+cat >"$work/scene.yaml" <<'YAML'
+palpate: 1
+body:
+  geometry: {hemisphere: {radius: 0.05}}
+  spacing: 0.012
+  refine: [{center: [0, 0, 0.05], radius: 0.01, spacing: 0.003}]
+  material: {young: 10e3, poisson: 0.45}
+  fixed: [{below: {z: 0}}]
+  touchable: [{ball: {center: [0, 0, 0.05], radius: 0.02}}]
+tools:
+  - name: probe
+    shape: {sphere: {radius: 0.004}}
+    device: {scripted: {kind: press, depth: 0.003}}
+    start: [0, 0, 0.054]
+    axis: [0, 0, -1]
+YAML
+(cd "$work" && palpate precompute scene.yaml -o m.palpate) >"$work/log" 2>&1
+check "palpate precompute" $?
+
+# ---- README's example ----------------------------------------------------------------------------------
+readme=${PALPATE_README:-$PALPATE_SOURCE/README.md}
+if [ -e "$readme" ]; then
+	sed -n '/<!-- embed begin -->/,/<!-- embed end -->/p' "$readme" | sed '/^<!--/d; /^```/d' >"$work/ten_lines.c"
+	[ -s "$work/ten_lines.c" ]
+	check "README.md has its example between <!-- embed begin --> and <!-- embed end -->" $?
+	# shellcheck disable=SC2046
+	"$CC" -std=c11 -Wall -Wextra -Wpedantic -Werror "$work/ten_lines.c" $(pkg-config --cflags --libs palpate) \
+		-o "$work/ten_lines" >"$work/log" 2>&1
+	check "it compiles with pkg-config alone" $?
+	LD_LIBRARY_PATH=$prefix/lib "$work/ten_lines" "$work/m.palpate" >"$work/out" 2>"$work/log"
+	check "it runs" $?
+	cat "$work/out" >>"$work/log"
+	# A rigid sphere of 4 mm, 2 mm deep in a sphere of 50 mm, E = 10 kPa, nu = 0.45: Hertz says
+	# 4/3 E/(1-nu^2) sqrt(3.7 mm) (2 mm)^1.5 = 0.091 N. Nodes 3 mm apart beneath a contact of 2.7 mm
+	# give no more than the order; up means out of the body.
+	fz=$(grep -o -e '[-+0-9.e]*  *N *$' "$work/out" | awk '{ print $1 }')
+	test_that "${fz:-0} > 0.02 && ${fz:-0} < 0.4"
+	check "the force pushes the tool out of the body (${fz:-none} N; Hertz: 0.091 N)" $?
+	! LD_LIBRARY_PATH=$prefix/lib "$work/ten_lines" /nonexistent >"$work/log" 2>&1 && grep -q nonexistent "$work/log"
+	check "a missing model is a message and exit status 1" $?
+else
+	n=$((n + 1)); echo "ok $n - README's example # SKIP no README.md"
+fi
+
+# ---- the trainer, with its own textured mesh -----------------------------------------------------------
+# shellcheck disable=SC2046
+"$CC" -std=c17 -D_GNU_SOURCE -O1 -Wall -Wextra -Werror "$PALPATE_SOURCE/haptic/program/embed/trainer.c" \
+	$(pkg-config --cflags --libs palpate) -lpthread -lm -o "$work/trainer" >"$work/log" 2>&1
+check "the trainer compiles with pkg-config alone" $?
+LD_LIBRARY_PATH=$prefix/lib "$work/trainer" "$work/m.palpate" 1 >"$work/out" 2>"$work/log"
+check "it runs its own loops" $?
+cat "$work/out" >>"$work/log"
+[ "$(value "$work/out" ticks)" -eq 1000 ] && [ "$(value "$work/out" frames)" -ge 1 ]
+check "1000 ticks, $(value "$work/out" frames) frames" $?
+f=$(value "$work/out" force_along_axis)
+# 4 mm deep: Hertz 0.26 N against the pressing direction
+test_that "${f:-0} < -0.06 && ${f:-0} > -1.1"
+check "the force opposes the press (${f:-none} N along the axis)" $?
+u=$(value "$work/out" deepest_vertex)
+# no vertex is pushed further than the tool has gone, and nearly so beneath it
+test_that "${u:-0} > 0.5 * 0.004 && ${u:-0} < 1.05 * 0.004"
+check "the surface follows (${u:-none} m of 0.004 m)" $?
+test_that "$(awk '$1 == "normal_lengths" { print "(" $2 " > 0.9999 && " $3 " < 1.0001)" }' "$work/out")"
+check "normals are unit" $?
+# shellcheck disable=SC2046
+"$CC" -std=c17 -D_GNU_SOURCE "$PALPATE_SOURCE/haptic/program/embed/trainer.c" $(pkg-config --cflags palpate) \
+	"$prefix/lib/libpalpate.a" $(pkg-config --static --libs palpate | sed 's/-lpalpate//') \
+	-o "$work/trainer_static" >"$work/log" 2>&1 &&
+	"$work/trainer_static" "$work/m.palpate" 0.1 >"$work/out" 2>"$work/log"
+check "linked statically (pkg-config --static) it runs without LD_LIBRARY_PATH" $?
+
+# ---- nothing GPL at run time ---------------------------------------------------------------------------
+gpl='umfpack|cholmod|spqr|klu|metis|gmsh|palpate-offline|libarpack|libassimp|fftw|libgsl|libreadline'
+readelf -d "$prefix/lib/libpalpate.so" | awk -F'[][]' '/NEEDED/ { print $2 }' | sort >"$work/log"
+! grep -v -x -E 'lib(c|m|pthread|hdf5_serial)\.so\.[0-9]+' "$work/log"
+check "libpalpate.so needs libc, libm, libpthread and libhdf5_serial only" $?
+ldd "$prefix/lib/libpalpate.so" >"$work/log" && grep -q hdf5 "$work/log" && ! grep -E "$gpl" "$work/log"
+check "nor does what those need load a GPL library" $?
+LD_DEBUG=files LD_DEBUG_OUTPUT=$work/ld palpate run "$work/m.palpate" --for 0.5 --snapshot "$work/p.png" >"$work/log" 2>&1
+check "palpate run MODEL, picture included" $?
+cat "$work"/ld.* | grep -o 'file=[^ ]*' | sort -u >"$work/loaded"
+grep -q libpalpate.so "$work/loaded" && grep -q hdf5 "$work/loaded" && ! grep -E "$gpl" "$work/loaded" >"$work/log"
+check "loads no GPL library ($(wc -l <"$work/loaded") loaded)" $?
+rm -f "$work"/ld.*
+LD_DEBUG=files LD_DEBUG_OUTPUT=$work/ld palpate info "$work/scene.yaml" >/dev/null 2>&1
+LD_DEBUG=files LD_DEBUG_OUTPUT=$work/ld palpate precompute "$work/scene.yaml" -o "$work/m2.palpate" >/dev/null 2>&1
+cat "$work"/ld.* | grep -q -E "$gpl"
+check "(the same look at palpate precompute does find some)" $?
+
+# ---- uninstall -----------------------------------------------------------------------------------------
+make_in uninstall PREFIX="$prefix"
+check "make uninstall" $?
+find "$prefix" \( ! -type d -o -name '*palpate*' \) >"$work/log"
+[ ! -s "$work/log" ]
+check "leaves nothing" $?
+echo "1..$n"
+exit $bad
