@@ -1,7 +1,7 @@
 /// @file cloud_build.c  From a scene to its node cloud.
 ///
 /// (A) a closed triangulation of the body whose edges follow sharp edges and patch rims, with the
-/// spacing wanted (remesh.c); (B) tetrahedra inside it (palpate-mesher). Nodes are then put into a
+/// spacing wanted (remesh.c); (B) tetrahedra inside it (palpate-mesher), improved (tet_improve.c). Nodes are then put into a
 /// fixed order: surface first, both parts along a Morton curve, so that near nodes are near in memory
 /// and the order does not depend on how the mesh came about. Thread: one scene, one thread.
 #include <math.h>
@@ -14,6 +14,7 @@
 #include "src/rims.h"
 #include "src/scene_size.h"
 #include "src/surface.h"
+#include "src/tet_improve.h"
 #include "src/vec.h"
 
 typedef struct node_key {
@@ -269,6 +270,10 @@ static pal_status build(pal_scene *scene, const pal_progress *progress, pal_body
         }
         status = pal_mesher_fill(body->mesh.x, body->mesh.vertex_count, body->mesh.v,
                                  body->mesh.triangle_count, size, progress, fill, error);
+    }
+    if (status == PALPATE_OK) {
+        status = pal_tets_improve(body->mesh.x, body->mesh.vertex_count, body->mesh.v,
+                                  body->mesh.triangle_count, fill, error);
     }
     if (status == PALPATE_OK) {
         status = assemble(body, fill, cloud, error);

@@ -15,6 +15,7 @@
 
 #include "src/cloud.h"
 #include "src/rims.h"
+#include "src/tet_improve.h"
 #include "tests/support/clouds.h"
 
 static const double PI = 3.14159265358979324;
@@ -286,7 +287,7 @@ static void spacing_follows_the_field(void **state) {
     pal_cloud_report r;
     pal_cloud_measure(&c, &r);
     assert_true(r.spacing_max / r.spacing_min > 3.0); // graded at all
-    assert_true(r.dihedral_min > 8.0 && r.quality_min > 0.2 && r.edge_min > 0.3);
+    assert_true(r.dihedral_min > 12.0 && r.quality_min > 0.4 && r.edge_min > 0.3);
     pal_size_clear(&field);
     pal_cloud_clear(&c);
 }
@@ -300,9 +301,45 @@ static void the_design_hemisphere_has_good_cells(void **state) {
     pal_cloud_measure(&c, &r);
     assert_in_range(r.node_count, 1500, 1900);
     assert_true(fabs(r.volume / (2.0 / 3.0 * PI * 0.05 * 0.05 * 0.05) - 1.0) < 0.01);
-    assert_true(r.dihedral_min > 8.0 && r.dihedral_max < 165.0 && r.quality_min > 0.2);
+    // 17 degrees and 0.5 measured; no cell between surface nodes only
+    assert_true(r.dihedral_min > 12.0 && r.dihedral_max < 160.0 && r.quality_min > 0.4);
+    assert_int_equal(r.surface_tets, 0);
     const double pole[3] = {0, 0, 1};
     check_rim(&c, pole, 0.009983 / 0.05, 0.0007 / 0.05);
+    pal_cloud_clear(&c);
+}
+
+static void bridges_between_surface_nodes_are_split(void **state) {
+    (void)state;
+    pal_cloud c;
+    pal_error e = {0};
+    const double size[3] = {4, 3, 1};
+    const int n[3] = {4, 3, 1}; // one cell thick: every node is on the surface
+    assert_int_equal(pal_cloud_box(&c, size, n, 0.1, 5, &e), PALPATE_OK);
+    assert_int_equal(c.node_count, c.surface_count);
+    pal_mesh_fill fill = {0, malloc(sizeof(double)), c.tet_count, c.tet};
+    assert_non_null(fill.inside);
+    assert_int_equal(pal_tets_improve(c.position, c.surface_count, c.triangle, c.triangle_count, &fill, &e),
+                     PALPATE_OK);
+    assert_true(fill.inside_count >= 4 * 3); // one in each cell at least
+    double *x = malloc(3 * (size_t)(c.surface_count + fill.inside_count) * sizeof *x);
+    assert_non_null(x);
+    memcpy(x, c.position, 3 * (size_t)c.surface_count * sizeof *x);
+    memcpy(x + 3 * c.surface_count, fill.inside, 3 * (size_t)fill.inside_count * sizeof *x);
+    free(c.position);
+    free(fill.inside);
+    c.position = x;
+    c.node_count += fill.inside_count;
+    c.tet = fill.tet;
+    c.tet_count = fill.tet_count;
+    if (pal_cloud_complete(&c, &e) != PALPATE_OK) { // conforming, positive, same surface
+        fail_msg("%s", e.message);
+    }
+    pal_cloud_report r;
+    pal_cloud_measure(&c, &r);
+    assert_true(fabs(r.volume - 12.0) < 1e-12);
+    assert_int_equal(r.surface_tets, 0);
+    assert_true(r.quality_min > 0.1);
     pal_cloud_clear(&c);
 }
 
@@ -420,6 +457,7 @@ int main(void) {
         cmocka_unit_test(sphere_volume_and_area_converge_at_second_order),
         cmocka_unit_test(spacing_follows_the_field),
         cmocka_unit_test(the_design_hemisphere_has_good_cells),
+        cmocka_unit_test(bridges_between_surface_nodes_are_split),
         cmocka_unit_test(impossible_spacings_and_places_are_refused),
         cmocka_unit_test(a_mesher_that_dies_is_a_clear_error),
         cmocka_unit_test(cancelling_stops_at_every_stage),
