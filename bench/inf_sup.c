@@ -1,9 +1,9 @@
 /// @file inf_sup.c  Bench: which displacement/pressure pair of the Galerkin method is stable.
 ///
 /// Numerical inf-sup values (src/galerkin_inf_sup.h) on a cube held all round, 3 to 7 cells a side,
-/// lattice and jittered. A pair is stable when only the constant pressure is unseen and beta does not fall
-/// with refinement: the last value at least 0.8 of the first (an unstable pair's falls like h or faster,
-/// here to less than 0.5). Dense algebra, about a minute.
+/// lattice and jittered. A pair is stable when only the constant pressure is unseen and beta does
+/// not fall with refinement: the last value at least 0.8 of the first (an unstable pair's falls
+/// like h or faster, here to less than 0.5). Dense algebra, about a minute.
 ///
 ///     bench/inf_sup            writes bench/results/inf_sup.csv
 #include <stdio.h>
@@ -52,7 +52,8 @@ static pal_status measure(const pair *p, int n, double jitter, pal_inf_sup *out,
 int main(void) {
     FILE *csv = fopen("bench/results/inf_sup.csv", "w");
     if (csv == NULL) {
-        fprintf(stderr, "bench/results/inf_sup.csv: cannot be written; run from the repository's root\n");
+        fprintf(stderr,
+                "bench/results/inf_sup.csv: cannot be written; run from the repository's root\n");
         return 1;
     }
     fprintf(csv, "pair,jitter,cells,pressures,zero_modes,beta\n");
@@ -78,7 +79,7 @@ int main(void) {
                 fprintf(csv, "%s,%g,%d,%d,%d,%.6g\n", PAIRS[k].name, jitter, n, s.pressures,
                         s.zero_modes, s.beta);
             }
-            printf("  %s\n", zero_modes > 1        ? "UNSTABLE: pressures nothing sees"
+            printf("  %s\n", zero_modes > 1         ? "UNSTABLE: pressures nothing sees"
                              : s.beta < 0.8 * first ? "UNSTABLE: falls with refinement"
                                                     : "stable");
         }

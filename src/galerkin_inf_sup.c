@@ -1,9 +1,9 @@
 /// @file galerkin_inf_sup.c  Eigenvalues of the pressure Schur complement, dense (LAPACK).
 ///
-/// With K = L L^T and W = L^-1 B^T the Schur complement is G = W^T W + S. The pressure unknowns carry
-/// the scale s_I = V_I^(1/3) (galerkin_pressure.c), so M becomes V_I / s_I^2 / mu = s_I / mu, and
-/// D^-1/2 G D^-1/2 with D = M has the eigenvalues wanted. Eigenvalues below 1e-9 of the largest are the
-/// zero modes: rounding leaves them at 1e-14.
+/// With K = L L^T and W = L^-1 B^T the Schur complement is G = W^T W + S. The pressure unknowns
+/// carry the scale s_I = V_I^(1/3) (galerkin_pressure.c), so M becomes V_I / s_I^2 / mu = s_I / mu,
+/// and D^-1/2 G D^-1/2 with D = M has the eigenvalues wanted. Eigenvalues below 1e-9 of the largest
+/// are the zero modes: rounding leaves them at 1e-14.
 #include "src/galerkin_inf_sup.h"
 
 #include <math.h>
@@ -57,10 +57,12 @@ static pal_status dense_eigenvalues(dense *d, const pal_cloud *cloud, double mu,
     }
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, nd, np, 1.0,
                 d->stiffness, nd, d->divergence, nd);
-    cblas_dsyrk(CblasColMajor, CblasUpper, CblasTrans, np, nd, 1.0, d->divergence, nd, 1.0, d->schur, np);
+    cblas_dsyrk(CblasColMajor, CblasUpper, CblasTrans, np, nd, 1.0, d->divergence, nd, 1.0,
+                d->schur, np);
     for (size_t j = 0; j < (size_t)np; j++) {
         for (size_t i = 0; i <= j; i++) {
-            d->schur[i + (size_t)np * j] *= mu / sqrt(cbrt(cloud->volume[i]) * cbrt(cloud->volume[j]));
+            d->schur[i + (size_t)np * j] *=
+                mu / sqrt(cbrt(cloud->volume[i]) * cbrt(cloud->volume[j]));
         }
     }
     if (LAPACKE_dsyev(LAPACK_COL_MAJOR, 'N', 'U', np, d->schur, np, d->eigenvalue) != 0) {
@@ -69,8 +71,8 @@ static pal_status dense_eigenvalues(dense *d, const pal_cloud *cloud, double mu,
     return PALPATE_OK;
 }
 
-pal_status pal_galerkin_inf_sup(const pal_cloud *cloud, const uint8_t *fixed, const pal_method *method,
-                                pal_inf_sup *out, pal_error *error) {
+pal_status pal_galerkin_inf_sup(const pal_cloud *cloud, const uint8_t *fixed,
+                                const pal_method *method, pal_inf_sup *out, pal_error *error) {
     memset(out, 0, sizeof *out);
     const double poisson = 0.5 - 1e-13; // V / kappa is rounding beside everything else
     pal_method mixed = *method;

@@ -1,10 +1,11 @@
 /// @file galerkin_pressure.c  Nodal pressures: divergence, compressibility and stabilization terms.
 ///
-/// Pressure p = sum_I p_I N_I / s_I with N_I the node's hat function and s_I = V_I^(1/3) a scale that
-/// makes all unknowns' entries of one size. With V_I the median-dual volume,
+/// Pressure p = sum_I p_I N_I / s_I with N_I the node's hat function and s_I = V_I^(1/3) a scale
+/// that makes all unknowns' entries of one size. With V_I the median-dual volume,
 ///
-///     B_Ia = (1 / s_I) sum_T (V_T / 4) g_Ta              V_I times the mean divergence of I's dual cell
-///     C_IJ = (1 / (s_I s_J)) [ delta_IJ V_I / kappa + (alpha / mu) sum_T (V_T / 20)(delta_IJ - 1/4) ]
+///     B_Ia = (1 / s_I) sum_T (V_T / 4) g_Ta              V_I times the mean divergence of I's dual
+///     cell C_IJ = (1 / (s_I s_J)) [ delta_IJ V_I / kappa + (alpha / mu) sum_T (V_T / 20)(delta_IJ
+///     - 1/4) ]
 ///
 /// The second term is int (p - Pi p)(q - Pi q), Pi the mean over each tetrahedron: the polynomial
 /// pressure projection of Bochev, Dohrmann, Gunzburger (SIAM J. Numer. Anal. 44, 2006), alpha = 1

@@ -1,7 +1,8 @@
-/// @file galerkin_pressure.h  The pressure part of the displacement/pressure form (method_galerkin.c).
+/// @file galerkin_pressure.h  The pressure part of the displacement/pressure form
+/// (method_galerkin.c).
 ///
-/// Per pair of nodes (x, y) that share a tetrahedron: the divergence entries of the displacement of x
-/// on the pressure row of y and the other way round, and the pressure-pressure entry.
+/// Per pair of nodes (x, y) that share a tetrahedron: the divergence entries of the displacement of
+/// x on the pressure row of y and the other way round, and the pressure-pressure entry.
 #ifndef PALPATE_SRC_GALERKIN_PRESSURE_H
 #define PALPATE_SRC_GALERKIN_PRESSURE_H
 

@@ -1,9 +1,9 @@
 /// @file galerkin_regions.c  Regions as sums of parts of tetrahedra, and their energy.
 ///
-/// The mean gradient of a linear function over a union of parts of tetrahedra is the volume-weighted
-/// mean of the tetrahedra's gradients: G_r = sum_T V_rT g_T / V_r with V_rT = V_T / 6 (pair), V_T / 4
-/// (node) or V_T. Each region is a run of sorted (key, tetrahedron) entries; nothing depends on the
-/// order in which memory was handed out.
+/// The mean gradient of a linear function over a union of parts of tetrahedra is the
+/// volume-weighted mean of the tetrahedra's gradients: G_r = sum_T V_rT g_T / V_r with V_rT = V_T /
+/// 6 (pair), V_T / 4 (node) or V_T. Each region is a run of sorted (key, tetrahedron) entries;
+/// nothing depends on the order in which memory was handed out.
 #include "src/galerkin_regions.h"
 
 #include <math.h>
@@ -158,11 +158,12 @@ static pal_status check_tets(pal_regions *r, const pal_cloud *cloud, pal_error *
             }
         }
         if (!(shape.volume > 0.0) || !isfinite(shape.condition)) {
-            return pal_fail(error, PALPATE_ERROR_CLOUD,
-                            "galerkin: tetrahedron %d at (%.4g, %.4g, %.4g) has volume %.3g: it must be "
-                            "positive; use another spacing",
-                            t, centre[0] * cloud->length, centre[1] * cloud->length,
-                            centre[2] * cloud->length, shape.volume);
+            return pal_fail(
+                error, PALPATE_ERROR_CLOUD,
+                "galerkin: tetrahedron %d at (%.4g, %.4g, %.4g) has volume %.3g: it must be "
+                "positive; use another spacing",
+                t, centre[0] * cloud->length, centre[1] * cloud->length, centre[2] * cloud->length,
+                shape.volume);
         }
         if (shape.condition > r->worst_condition) {
             r->worst_condition = shape.condition;
@@ -361,8 +362,8 @@ void pal_blocks_clear(pal_blocks *blocks) {
 }
 
 pal_status pal_blocks_add_energy(pal_blocks *blocks, const pal_regions *r, double shear,
-                                 double volumetric, const pal_progress *progress, double progress_from,
-                                 double progress_to, pal_error *error) {
+                                 double volumetric, const pal_progress *progress,
+                                 double progress_from, double progress_to, pal_error *error) {
     enum { ROWS_PER_CALL = 512 };
     int64_t *slot = malloc((size_t)blocks->node_count * sizeof *slot);
     if (slot == NULL) {

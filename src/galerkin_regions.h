@@ -1,13 +1,15 @@
 /// @file galerkin_regions.h  Smoothing regions of the cells and the block matrices they couple.
 ///
-/// A region is a part of the body over which the gradient of the trial functions is averaged exactly:
-/// by the divergence theorem the average over a region is an integral over its boundary, so the
-/// averages add up to boundary terms alone and the linear patch test holds to rounding (stabilised
-/// conforming nodal integration, Chen, Wu, Yoon, You 2001). Three partitions of the tetrahedra:
+/// A region is a part of the body over which the gradient of the trial functions is averaged
+/// exactly: by the divergence theorem the average over a region is an integral over its boundary,
+/// so the averages add up to boundary terms alone and the linear patch test holds to rounding
+/// (stabilised conforming nodal integration, Chen, Wu, Yoon, You 2001). Three partitions of the
+/// tetrahedra:
 ///
 ///     TET   the tetrahedron itself
 ///     PAIR  the sixth of each tetrahedron that belongs to one of its edges (cut through face and
-///           cell centroids): one region per pair of neighbouring nodes (Nguyen-Thoi, Liu et al. 2009)
+///           cell centroids): one region per pair of neighbouring nodes (Nguyen-Thoi, Liu et al.
+///           2009)
 ///     NODE  the quarter of each tetrahedron that belongs to one of its corners: the median dual
 ///
 /// Thread: functions are reentrant; results are read only afterwards.
@@ -75,11 +77,12 @@ void pal_blocks_clear(pal_blocks *blocks);
 
 /// Add the strain energy of the regions' mean gradients: for nodes a, b of a region of volume V
 ///     block_ij += V (shear (g_a . g_b delta_ij + g_a_j g_b_i) + volumetric g_a_i g_b_j)
-/// which is 2 shear eps(u):eps(v) + volumetric div u div v. Rows are independent and summed in region
-/// order, so the result is exactly symmetric. The regions' pattern must be within that of `blocks`.
+/// which is 2 shear eps(u):eps(v) + volumetric div u div v. Rows are independent and summed in
+/// region order, so the result is exactly symmetric. The regions' pattern must be within that of
+/// `blocks`.
 /// @return PALPATE_OK, _MEMORY, or _CANCELLED
 pal_status pal_blocks_add_energy(pal_blocks *blocks, const pal_regions *regions, double shear,
-                                 double volumetric, const pal_progress *progress, double progress_from,
-                                 double progress_to, pal_error *error);
+                                 double volumetric, const pal_progress *progress,
+                                 double progress_from, double progress_to, pal_error *error);
 
 #endif

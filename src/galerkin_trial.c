@@ -1,16 +1,17 @@
-/// @file galerkin_trial.c  MLS values at the corners of the pair regions, as corrections of own-node ones.
+/// @file galerkin_trial.c  MLS values at the corners of the pair regions, as corrections of
+/// own-node ones.
 ///
 /// The boundary of a pair's region inside tetrahedron T consists of the triangles (a, c_F, c_T) and
-/// (b, c_F, c_T), a and b the pair, F the two faces of T that contain both, c centroids. With one value
-/// per corner, shared by all regions that meet there, the linear rule on each triangle keeps the mean
-/// gradients consistent (they add up to boundary terms), and the linear fit keeps them exact on linear
-/// fields. Own-node values are the mean of the corner nodes; so
+/// (b, c_F, c_T), a and b the pair, F the two faces of T that contain both, c centroids. With one
+/// value per corner, shared by all regions that meet there, the linear rule on each triangle keeps
+/// the mean gradients consistent (they add up to boundary terms), and the linear fit keeps them
+/// exact on linear fields. Own-node values are the mean of the corner nodes; so
 ///
 ///     G_ab += (1 / V_ab) sum_T [ A_T (phi(c_T) - mean_T) / 3 + sum_F A_F (phi(c_F) - mean_F) / 3 ]
 ///
-/// with A_F the outward area vectors of the two triangles at F, A_T those of all four. On the body's
-/// surface phi(c_F) = mean_F: there the trial functions stay linear between nodes, so that a face whose
-/// nodes are held is held everywhere.
+/// with A_F the outward area vectors of the two triangles at F, A_T those of all four. On the
+/// body's surface phi(c_F) = mean_F: there the trial functions stay linear between nodes, so that a
+/// face whose nodes are held is held everywhere.
 #include "src/galerkin_trial.h"
 
 #include <math.h>
@@ -36,10 +37,10 @@ typedef struct face_key {
 typedef struct work {
     const pal_cloud *cloud;
     int32_t face_count;
-    int32_t *tet_face;      ///< (tet_count x 4) face opposite each corner
-    int32_t *face_node;     ///< (face_count x 3)
-    uint8_t *face_outside;  ///< (face_count) on the surface
-    double *point;          ///< ((tet_count + face_count) x 3)
+    int32_t *tet_face;     ///< (tet_count x 4) face opposite each corner
+    int32_t *face_node;    ///< (face_count x 3)
+    uint8_t *face_outside; ///< (face_count) on the surface
+    double *point;         ///< ((tet_count + face_count) x 3)
     rows value;
     int64_t *cursor;
     int32_t *found;
@@ -156,8 +157,9 @@ static pal_status cover_points(work *w, double reach, pal_error *error) {
     }
     for (int pass = 0; pass < 2; pass++) {
         for (int32_t a = 0; a < c->node_count; a++) {
-            int32_t count = pal_neighbours_within(&w->tree, c->position + 3 * (size_t)a,
-                                                  reach * c->spacing[a], n, w->found, w->distance2, NULL);
+            int32_t count =
+                pal_neighbours_within(&w->tree, c->position + 3 * (size_t)a, reach * c->spacing[a],
+                                      n, w->found, w->distance2, NULL);
             for (int32_t k = 0; k < count; k++) {
                 int32_t p = w->found[k];
                 if (p >= c->tet_count && w->face_outside[p - c->tet_count]) {
@@ -195,7 +197,8 @@ static int solve_fit(double m[4][4], double c[4]) {
             for (int k = 0; k < j; k++) {
                 sum -= l[i][k] * l[j][k];
             }
-            if (i == j && !(sum > 1e-6 * m[i][i])) { // pivot: distance from a plane, relative, squared
+            if (i == j &&
+                !(sum > 1e-6 * m[i][i])) { // pivot: distance from a plane, relative, squared
                 return 0;
             }
             l[i][j] = i == j ? sqrt(sum) : sum / l[j][j];
@@ -234,7 +237,8 @@ static int fit_point(work *w, int32_t p, double reach, int32_t exponent) {
             q[i + 1] = d / size;
         }
         double s = sqrt(d2) / (reach * c->spacing[a]);
-        double weight = s < 1.0 ? (1.0 + s * s * (-6.0 + s * (8.0 - 3.0 * s))) / pow(s, 2.0 * exponent) : 0.0;
+        double weight =
+            s < 1.0 ? (1.0 + s * s * (-6.0 + s * (8.0 - 3.0 * s))) / pow(s, 2.0 * exponent) : 0.0;
         w->value.weight[k] = weight;
         for (int i = 0; i < 4; i++) {
             for (int j = 0; j < 4; j++) {
@@ -357,7 +361,8 @@ static void widen_pairs(const work *w, const pal_regions *pairs, const pal_regio
             size_t node = (size_t)list[k];
             for (int i = 0; i < 3; i++) {
                 if (pass == 1) {
-                    out->gradient[3 * (total + k) + i] = sum[3 * node + (size_t)i] / pairs->volume[f];
+                    out->gradient[3 * (total + k) + i] =
+                        sum[3 * node + (size_t)i] / pairs->volume[f];
                 }
                 sum[3 * node + (size_t)i] = 0.0;
             }
@@ -419,13 +424,16 @@ done:
 
 pal_status pal_regions_widen(pal_regions *pairs, const pal_cloud *cloud, int32_t neighbours,
                              int32_t exponent, pal_stencil_report *report, pal_error *error) {
-    if (neighbours < 5 || neighbours > 400 || exponent < 0 || exponent > 8 || cloud->spacing == NULL) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "galerkin: neighbours %d (5 to 400, or 0 for the cell's own nodes), exponent %d "
-                        "(0 to 8)",
-                        neighbours, exponent);
+    if (neighbours < 5 || neighbours > 400 || exponent < 0 || exponent > 8 ||
+        cloud->spacing == NULL) {
+        return pal_fail(
+            error, PALPATE_ERROR_ARGUMENT,
+            "galerkin: neighbours %d (5 to 400, or 0 for the cell's own nodes), exponent %d "
+            "(0 to 8)",
+            neighbours, exponent);
     }
-    // a tetrahedral cloud has about 1.3 nodes per spacing^3: 4/3 pi reach^3 1.3 spheres over a point
+    // a tetrahedral cloud has about 1.3 nodes per spacing^3: 4/3 pi reach^3 1.3 spheres over a
+    // point
     double reach = cbrt(neighbours / (4.0 / 3.0 * 3.14159265358979324 * 1.3));
     work w = {.cloud = cloud};
     pal_status status = number_faces(&w);

@@ -1,29 +1,31 @@
-/// @file method_galerkin.c  Galerkin method with smoothed gradients and nodal pressures: symmetric, passive.
+/// @file method_galerkin.c  Galerkin method with smoothed gradients and nodal pressures: symmetric,
+/// passive.
 ///
 /// Minimise the strain energy over nodal displacements u:
 ///
 ///     2 mu sum_f V_f dev eps_f(u) : dev eps_f(u)  +  volumetric energy  -  sum_J F_J . u_J
 ///
-/// Trial functions are MLS on the cell's own nodes: with a linear basis and a tetrahedron's four nodes
-/// as stencil the moving least squares fit is the linear interpolant, whatever the weight, so the
-/// functions are continuous, h_J(x_K) = delta_JK, and a face between fixed nodes does not move. Wider
-/// MLS functions (galerkin_trial.h, option neighbours) gain little for two to four times the nonzeros.
-/// What makes them
-/// accurate is the integration: the gradient is averaged exactly over each neighbour pair's region f
-/// (galerkin_regions.h) before it is squared. Unsmoothed linear functions are too stiff, those smoothed
-/// over a node's whole cell too soft; pair regions lie between, an order of magnitude closer to either
-/// (Liu, Nguyen-Thoi, Lam, J. Sound Vib. 320, 2009; Nguyen-Thoi et al. 2009 in 3D).
+/// Trial functions are MLS on the cell's own nodes: with a linear basis and a tetrahedron's four
+/// nodes as stencil the moving least squares fit is the linear interpolant, whatever the weight, so
+/// the functions are continuous, h_J(x_K) = delta_JK, and a face between fixed nodes does not move.
+/// Wider MLS functions (galerkin_trial.h, option neighbours) gain little for two to four times the
+/// nonzeros. What makes them accurate is the integration: the gradient is averaged exactly over
+/// each neighbour pair's region f (galerkin_regions.h) before it is squared. Unsmoothed linear
+/// functions are too stiff, those smoothed over a node's whole cell too soft; pair regions lie
+/// between, an order of magnitude closer to either (Liu, Nguyen-Thoi, Lam, J. Sound Vib. 320, 2009;
+/// Nguyen-Thoi et al. 2009 in 3D).
 ///
 /// Volumetric part (PALPATE_VOLUMETRIC_*), theta_I the mean divergence over node I's dual cell V_I:
 ///
 ///     PLAIN   lambda div_f^2 on the pairs: locks towards nu = 1/2
-///     NODAL   sum_I V_I kappa theta_I^2: does not lock outright, but the pair is only weakly stable
-///     MIXED   p_I per node, -p C p / 2 + p . B u (galerkin_pressure.c): stable for all nu < 1/2
+///     NODAL   sum_I V_I kappa theta_I^2: does not lock outright, but the pair is only weakly
+///     stable MIXED   p_I per node, -p C p / 2 + p . B u (galerkin_pressure.c): stable for all nu <
+///     1/2
 ///
 /// MIXED gives the symmetric quasi-definite system [K B^T; B -C] (Vanderbei 1995): it has an LDL^T
-/// factorization in any order, and its displacement block of the inverse is (K + B^T C^-1 B)^-1, which
-/// is symmetric positive definite. So the compliance is passive by construction; the system itself is
-/// not positive definite (positive = 0), those of PLAIN and NODAL are.
+/// factorization in any order, and its displacement block of the inverse is (K + B^T C^-1 B)^-1,
+/// which is symmetric positive definite. So the compliance is passive by construction; the system
+/// itself is not positive definite (positive = 0), those of PLAIN and NODAL are.
 ///
 /// Patch test, rigid motion: exact to rounding (Chen et al. 2001; linear fields have constant p).
 /// Thread: any, one call per thread; allocates, no state.
@@ -116,8 +118,8 @@ static pal_status number_unknowns(model *m, pal_system *s, int mixed) {
 
 /// Column (b, c) of [K; B] restricted to free or to fixed rows. K is symmetric: its rows serve as
 /// columns. Pressure rows belong to the free part.
-static void put_displacement_column(const model *m, const pal_system *s, writer *w, int32_t b, int c,
-                                    int of_fixed) {
+static void put_displacement_column(const model *m, const pal_system *s, writer *w, int32_t b,
+                                    int c, int of_fixed) {
     const pal_blocks *k = &m->blocks;
     for (int64_t e = k->start[b]; e < k->start[b + 1]; e++) {
         int32_t a = k->column[e];
@@ -214,11 +216,13 @@ static void report_stencils(const pal_regions *pairs, pal_stencil_report *out) {
 
 /// Energy blocks and pressures.
 static pal_status build_model(model *m, pal_system *s, double poisson, const pal_method *method,
-                              double stabilization, const pal_progress *progress, pal_error *error) {
+                              double stabilization, const pal_progress *progress,
+                              pal_error *error) {
     pal_volumetric volumetric = method->volumetric;
     double mu = 0.5 / (1.0 + poisson);
     double bulk = 1.0 / (3.0 * (1.0 - 2.0 * poisson));
-    double on_pairs = volumetric == PALPATE_VOLUMETRIC_PLAIN ? bulk - 2.0 * mu / 3.0 : -2.0 * mu / 3.0;
+    double on_pairs =
+        volumetric == PALPATE_VOLUMETRIC_PLAIN ? bulk - 2.0 * mu / 3.0 : -2.0 * mu / 3.0;
     int32_t n = m->cloud->node_count;
     pal_regions pairs = {0}, other = {0};
     pal_status status = pal_regions_create(&pairs, m->cloud, PALPATE_REGION_PAIR, error);
@@ -227,7 +231,8 @@ static pal_status build_model(model *m, pal_system *s, double poisson, const pal
     }
     if (method->neighbours > 0) {
         int32_t exponent = method->exponent > 0 ? method->exponent : DEFAULT_EXPONENT;
-        status = pal_regions_widen(&pairs, m->cloud, method->neighbours, exponent, &s->stencils, error);
+        status =
+            pal_regions_widen(&pairs, m->cloud, method->neighbours, exponent, &s->stencils, error);
         if (status != PALPATE_OK) {
             goto done;
         }
@@ -260,13 +265,15 @@ done:
 static pal_status check_arguments(const pal_cloud *cloud, const uint8_t *fixed, double poisson,
                                   const pal_method *method, pal_error *error) {
     if (cloud == NULL || fixed == NULL || method == NULL || cloud->node_count <= 0) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "galerkin: no cloud, supports or method given");
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "galerkin: no cloud, supports or method given");
     }
     if (!(poisson > -1.0 && poisson < 0.5)) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "galerkin: Poisson's ratio is %g; it must be above -1 and below 0.5 (0.4999 is "
-                        "fine)",
-                        poisson);
+        return pal_fail(
+            error, PALPATE_ERROR_ARGUMENT,
+            "galerkin: Poisson's ratio is %g; it must be above -1 and below 0.5 (0.4999 is "
+            "fine)",
+            poisson);
     }
     if ((int)method->volumetric < PALPATE_VOLUMETRIC_PLAIN ||
         (int)method->volumetric > PALPATE_VOLUMETRIC_MIXED) {
@@ -275,10 +282,11 @@ static pal_status check_arguments(const pal_cloud *cloud, const uint8_t *fixed, 
                         (int)method->volumetric);
     }
     if (method->basis != 0 && method->basis != PALPATE_BASIS_LINEAR) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "galerkin: basis is %s; only linear is built (quadratic trial functions on pair "
-                        "regions were measured and are less accurate); remove it",
-                        method->basis == PALPATE_BASIS_QUADRATIC ? "quadratic" : "cubic");
+        return pal_fail(
+            error, PALPATE_ERROR_ARGUMENT,
+            "galerkin: basis is %s; only linear is built (quadratic trial functions on pair "
+            "regions were measured and are less accurate); remove it",
+            method->basis == PALPATE_BASIS_QUADRATIC ? "quadratic" : "cubic");
     }
     if (method->stabilization > 1e6 || isnan(method->stabilization)) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
@@ -290,8 +298,8 @@ static pal_status check_arguments(const pal_cloud *cloud, const uint8_t *fixed, 
 
 static void describe(const pal_method *method, double stabilization, pal_system *out) {
     static const char *const names[] = {"plain", "nodal", "mixed"};
-    int n = snprintf(out->options, sizeof out->options, "kind=galerkin, basis=linear, volumetric=%s",
-                     names[method->volumetric]);
+    int n = snprintf(out->options, sizeof out->options,
+                     "kind=galerkin, basis=linear, volumetric=%s", names[method->volumetric]);
     if (method->volumetric == PALPATE_VOLUMETRIC_MIXED) {
         n += snprintf(out->options + n, sizeof out->options - (size_t)n, ", stabilization=%g",
                       stabilization);
