@@ -91,7 +91,7 @@ int64_t pal_histogram_quantile(const pal_histogram *histogram, double p) {
 }
 
 pal_quantiles pal_histogram_us(const pal_histogram *histogram) {
-    int64_t ns[3];
+    int64_t ns[3] = {0};
     quantiles(histogram, (const double[]){0.5, 0.99, 0.999}, 3, ns);
     return (pal_quantiles){
         .p50 = 1e-3 * (double)ns[0],

@@ -204,7 +204,7 @@ static pal_status write_ticks(conversion *c, pal_error *error) {
                                 d->description, error);
     }
     pal_tick_record *record = malloc(CHUNK * sizeof *record);
-    char *column = malloc(CHUNK * 4 * sizeof(double));
+    double *column = malloc(CHUNK * 4 * sizeof *column);
     if (record == NULL || column == NULL) {
         free(record);
         free(column);
@@ -219,7 +219,8 @@ static pal_status write_ticks(conversion *c, pal_error *error) {
             const field *d = &tick_field[f];
             size_t size = pal_h5_type_size(d->type) * (size_t)d->width;
             for (int64_t i = 0; i < n; i++) {
-                memcpy(column + (size_t)i * size, (const char *)&record[i] + d->offset, size);
+                memcpy((char *)column + (size_t)i * size, (const char *)&record[i] + d->offset,
+                       size);
             }
             status = pal_h5_write_rows(c->file, d->path, d->type, first, n, 0, column, error);
         }
@@ -259,6 +260,7 @@ static void free_table(frame_table *t) {
     free(t->place);
     free(t->turn);
     free(t->force);
+    *t = (frame_table){0};
 }
 
 static pal_status make_table(frame_table *t, uint64_t frames, int32_t tools, pal_error *error) {
@@ -271,8 +273,9 @@ static pal_status make_table(frame_table *t, uint64_t frames, int32_t tools, pal
     if (t->tick == NULL || t->time == NULL || t->place == NULL || t->turn == NULL ||
         t->force == NULL) {
         free_table(t);
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "recording: no memory for %llu frames",
-                        (unsigned long long)frames);
+        (void)pal_fail(error, PALPATE_ERROR_MEMORY, "recording: no memory for %llu frames",
+                       (unsigned long long)frames);
+        return PALPATE_ERROR_MEMORY;
     }
     return PALPATE_OK;
 }
@@ -339,9 +342,12 @@ static pal_status write_frames(conversion *c, const char *h5_path, pal_error *er
     }
     char *item = calloc(1, (size_t)c->frames.item_size);
     float *position = malloc(3 * sizeof(float) * ((size_t)c->frames_header.row_count + 1));
-    status = item != NULL && position != NULL
-                 ? write_surface(c, error)
-                 : pal_fail(error, PALPATE_ERROR_MEMORY, "recording: no memory for a frame");
+    if (item == NULL || position == NULL) {
+        (void)pal_fail(error, PALPATE_ERROR_MEMORY, "recording: no memory for a frame");
+        status = PALPATE_ERROR_MEMORY;
+    } else {
+        status = write_surface(c, error);
+    }
     int64_t done = 0, n = 1;
     while (status == PALPATE_OK && n > 0 && done < (int64_t)c->frame_count) {
         status = pal_raw_read(&c->frames, item, 1, &n, error);

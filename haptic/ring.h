@@ -41,6 +41,7 @@ void pal_ring_push(pal_ring *ring, const pal_tick_record *record);
 /// Lock-free.
 int32_t pal_ring_copy(const pal_ring *ring, pal_tick_record *out, int32_t capacity);
 
+// NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding): each end on a cache line of its own
 typedef struct pal_queue {
     pal_tick_record *item;
     uint64_t mask;                      ///< capacity - 1, a power of two

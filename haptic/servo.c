@@ -318,11 +318,12 @@ void pal_servo_run(pal_servo *servo) {
 }
 
 pal_status pal_servo_init(pal_servo *servo) {
-    pal_histogram *all[] = {&servo->times.compute,       &servo->times.cpu,
-                            &servo->times.lateness,      &servo->times.device,
-                            &servo->times.force,         &servo->times.field,
-                            &servo->times.pose_to_force, &servo->bare_lateness};
-    for (size_t i = 0; i < sizeof all / sizeof *all; i++) {
+    enum { HISTOGRAMS = 8 };
+    pal_histogram *all[HISTOGRAMS] = {&servo->times.compute,       &servo->times.cpu,
+                                      &servo->times.lateness,      &servo->times.device,
+                                      &servo->times.force,         &servo->times.field,
+                                      &servo->times.pose_to_force, &servo->bare_lateness};
+    for (int i = 0; i < HISTOGRAMS; i++) {
         if (pal_histogram_init(all[i]) != PALPATE_OK) {
             pal_servo_clear(servo);
             return PALPATE_ERROR_MEMORY;
