@@ -15,7 +15,7 @@
 
 #include "haptic/error.h"
 
-enum { SAMPLED_COLUMNS = 12, CHOLMOD_BLOCK = 96, THREADS_MAX = 16 };
+enum { SAMPLED_COLUMNS = 12, THREADS_MAX = 16 };
 /// A sampled residual above this earns every column one step of iterative refinement. Forces are
 /// asked to 1e-8 at best; backward stable solves give about 1e-13.
 static const double REFINE_ABOVE = 1e-10;
@@ -274,7 +274,7 @@ pal_status pal_compliance_solve(const pal_system *system, pal_factor *factor, do
     w.column_count = 3 * (int64_t)model->info.column_count;
     w.progress = progress;
     w.begin = seconds_now();
-    w.block = system->positive ? CHOLMOD_BLOCK : PALPATE_FACTOR_BLOCK;
+    w.block = PALPATE_FACTOR_BLOCK;
     if (w.column_count == 0 || !(w.unit > 0.0) || !isfinite(w.unit)) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT, "no column to solve, or young * length is not positive");
     }
@@ -293,9 +293,8 @@ pal_status pal_compliance_solve(const pal_system *system, pal_factor *factor, do
     if (status != PALPATE_OK) {
         return status;
     }
-    // CHOLMOD's supernodal solves spread over the cores inside BLAS; ours run one block per thread
     long cpus = sysconf(_SC_NPROCESSORS_ONLN);
-    int threads = system->positive || cpus < 1 ? 1 : (int)(cpus > THREADS_MAX ? THREADS_MAX : cpus);
+    int threads = cpus < 1 ? 1 : (int)(cpus > THREADS_MAX ? THREADS_MAX : cpus);
     pthread_t id[THREADS_MAX];
     int started = 0;
     while (started < threads - 1 && pthread_create(&id[started], NULL, worker, &w) == 0) {

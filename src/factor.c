@@ -17,17 +17,15 @@
 struct pal_factor {
     int32_t n;
     int positive;
-    pal_lu lu;             ///< nonsymmetric
-    void *numeric;         ///< UMFPACK's own, kept for the reference solve
-    cholmod_factor *chol;  ///< symmetric positive definite
+    pal_lu lu;             ///< extracted factors: what solves
+    void *numeric;         ///< nonsymmetric: UMFPACK's own, kept for the reference solve
+    cholmod_factor *chol;  ///< symmetric positive definite: CHOLMOD's own, kept for the same
     cholmod_common common; ///< of the thread that made it
 };
 
 struct pal_factor_workspace {
     const pal_factor *factor;
     double *work;
-    cholmod_common common;
-    cholmod_dense *x, *y, *e;
 };
 
 static double seconds_now(void) {
@@ -248,6 +246,57 @@ static void chol_start(cholmod_common *common) {
     common->postorder = 1;
 }
 
+/// Copy CHOLMOD's L (simplicial, packed) into the block solver's layout: with D its diagonal,
+/// L L^T = (L D^-1) (D L^T), a unit lower and an upper triangular factor.
+static pal_status extract_cholesky(pal_factor *f, pal_error *error) {
+    const cholmod_factor *c = f->chol;
+    const SuiteSparse_long *start = c->p, *row = c->i, *permutation = c->Perm;
+    const double *value = c->x;
+    pal_lu *lu = &f->lu;
+    size_t n = (size_t)f->n, entries = (size_t)start[n];
+    lu->n = f->n;
+    lu->l_start = malloc((n + 1) * sizeof *lu->l_start);
+    lu->u_start = calloc(n + 2, sizeof *lu->u_start);
+    lu->l_row = malloc(entries * sizeof *lu->l_row);
+    lu->u_row = malloc(entries * sizeof *lu->u_row);
+    lu->l_value = malloc(entries * sizeof *lu->l_value);
+    lu->u_value = malloc(entries * sizeof *lu->u_value);
+    lu->diagonal = malloc(n * sizeof *lu->diagonal);
+    lu->row_order = malloc(n * sizeof *lu->row_order);
+    lu->column_order = malloc(n * sizeof *lu->column_order);
+    lu->row_scale = malloc(n * sizeof *lu->row_scale);
+    if (!lu->l_start || !lu->u_start || !lu->l_row || !lu->u_row || !lu->l_value || !lu->u_value ||
+        !lu->diagonal || !lu->row_order || !lu->column_order || !lu->row_scale) {
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for the factors (%zu entries)",
+                        2 * entries);
+    }
+    int64_t at = 0;
+    for (size_t j = 0; j < n; j++) { // each column starts with its diagonal
+        double d = value[start[j]];
+        lu->diagonal[j] = 1.0 / (d * d);
+        lu->row_order[j] = lu->column_order[j] = (int32_t)permutation[j];
+        lu->row_scale[j] = 1.0;
+        lu->l_start[j] = at;
+        for (SuiteSparse_long e = start[j] + 1; e < start[j + 1]; e++) {
+            lu->l_row[at] = (int32_t)row[e];
+            lu->l_value[at++] = value[e] / d;
+            lu->u_start[row[e] + 2]++;
+        }
+    }
+    lu->l_start[n] = at;
+    for (size_t j = 1; j <= n + 1; j++) {
+        lu->u_start[j] += lu->u_start[j - 1];
+    }
+    for (size_t i = 0; i < n; i++) { // column k of D L^T holds d_i L_ki
+        for (SuiteSparse_long e = start[i] + 1; e < start[i + 1]; e++) {
+            int64_t to = lu->u_start[row[e] + 1]++;
+            lu->u_row[to] = (int32_t)i;
+            lu->u_value[to] = value[start[i]] * value[e];
+        }
+    }
+    return PALPATE_OK;
+}
+
 static pal_status create_cholesky(pal_factor *f, const pal_sparse *k, pal_factor_report *report,
                                   pal_error *error) {
     cholmod_sparse a = chol_view(k);
@@ -266,17 +315,22 @@ static pal_status create_cholesky(pal_factor *f, const pal_sparse *k, pal_factor
                         "spacing fine enough for its thinnest part?",
                         (long long)f->chol->minor, f->n, rcond);
     }
-    if (report != NULL) {
+    if (!cholmod_l_change_factor(CHOLMOD_REAL, 1, 0, 1, 1, f->chol, common)) {
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for the factors of %d unknowns",
+                        f->n);
+    }
+    pal_status status = extract_cholesky(f, error);
+    if (status == PALPATE_OK && report != NULL) {
         int version[3];
         cholmod_l_version(version);
         (void)snprintf(report->kind, sizeof report->kind, "CHOLMOD %d.%d.%d (supernodal, METIS)",
                        version[0], version[1], version[2]);
         report->rcond = rcond;
         report->nonzeros = (int64_t)common->method[common->selected].lnz;
-        report->bytes = (uint64_t)(8.0 * (double)f->chol->xsize);
+        report->bytes = (uint64_t)(24.0 * common->method[common->selected].lnz);
         report->flops = common->method[common->selected].fl;
     }
-    return PALPATE_OK;
+    return status;
 }
 
 pal_status pal_factor_create(const pal_sparse *k, int positive, const pal_progress *progress,
@@ -327,10 +381,6 @@ pal_factor_workspace *pal_factor_workspace_new(const pal_factor *factor) {
         return NULL;
     }
     w->factor = factor;
-    if (factor->positive) {
-        chol_start(&w->common);
-        return w;
-    }
     w->work = aligned_alloc(64, (size_t)factor->n * PALPATE_LU_BLOCK * sizeof *w->work);
     if (w->work == NULL) {
         free(w);
@@ -340,23 +390,13 @@ pal_factor_workspace *pal_factor_workspace_new(const pal_factor *factor) {
 }
 
 void pal_factor_workspace_free(pal_factor_workspace *w) {
-    if (w == NULL) {
-        return;
+    if (w != NULL) {
+        free(w->work);
+        free(w);
     }
-    if (w->factor->positive) {
-        cholmod_l_free_dense(&w->x, &w->common);
-        cholmod_l_free_dense(&w->y, &w->common);
-        cholmod_l_free_dense(&w->e, &w->common);
-        cholmod_l_finish(&w->common);
-    }
-    free(w->work);
-    free(w);
 }
 
 pal_status pal_factor_need(pal_factor *factor, const uint8_t *needed, pal_error *error) {
-    if (factor->positive) {
-        return PALPATE_OK;
-    }
     free(factor->lu.needed);
     factor->lu.needed = NULL;
     if (needed == NULL) {
@@ -371,30 +411,10 @@ pal_status pal_factor_need(pal_factor *factor, const uint8_t *needed, pal_error 
     return PALPATE_OK;
 }
 
-static pal_status solve_cholesky(const pal_factor *f, pal_factor_workspace *w, int32_t count,
-                                 double *x, pal_error *error) {
-    cholmod_dense b = {0};
-    b.nrow = (size_t)f->n;
-    b.ncol = (size_t)count;
-    b.nzmax = b.nrow * b.ncol;
-    b.d = b.nrow;
-    b.x = x;
-    b.xtype = CHOLMOD_REAL;
-    b.dtype = CHOLMOD_DOUBLE;
-    if (!cholmod_l_solve2(CHOLMOD_A, f->chol, &b, NULL, &w->x, NULL, &w->y, &w->e, &w->common)) {
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory while solving %d columns", count);
-    }
-    memcpy(x, w->x->x, b.nzmax * sizeof *x);
-    return PALPATE_OK;
-}
-
 pal_status pal_factor_solve(const pal_factor *factor, pal_factor_workspace *workspace, int32_t count,
                             double *x, pal_error *error) {
     if (count < 0 || workspace == NULL || workspace->factor != factor) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT, "workspace of another factor");
-    }
-    if (factor->positive) {
-        return count == 0 ? PALPATE_OK : solve_cholesky(factor, workspace, count, x, error);
     }
     for (int32_t c = 0; c < count; c += PALPATE_LU_BLOCK) {
         int32_t m = count - c < PALPATE_LU_BLOCK ? count - c : PALPATE_LU_BLOCK;
@@ -406,14 +426,26 @@ pal_status pal_factor_solve(const pal_factor *factor, pal_factor_workspace *work
 pal_status pal_factor_solve_reference(const pal_factor *factor, const pal_sparse *k, int refine,
                                       const double *b, double *x, pal_error *error) {
     if (factor->positive) {
-        pal_factor_workspace *w = pal_factor_workspace_new(factor);
-        if (w == NULL) {
-            return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory");
+        cholmod_common common;
+        cholmod_dense view = {0};
+        union {
+            const double *from;
+            void *to;
+        } rhs = {.from = b};
+        view.nrow = view.nzmax = view.d = (size_t)factor->n;
+        view.ncol = 1;
+        view.x = rhs.to;
+        view.xtype = CHOLMOD_REAL;
+        view.dtype = CHOLMOD_DOUBLE;
+        chol_start(&common);
+        cholmod_dense *solution = cholmod_l_solve(CHOLMOD_A, factor->chol, &view, &common);
+        if (solution != NULL) {
+            memcpy(x, solution->x, view.nzmax * sizeof *x);
+            cholmod_l_free_dense(&solution, &common);
         }
-        memcpy(x, b, (size_t)factor->n * sizeof *x);
-        pal_status status = solve_cholesky(factor, w, 1, x, error);
-        pal_factor_workspace_free(w);
-        return status;
+        int ok = common.status == CHOLMOD_OK;
+        cholmod_l_finish(&common);
+        return ok ? PALPATE_OK : pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory");
     }
     double control[UMFPACK_CONTROL], info[UMFPACK_INFO];
     umfpack_dl_defaults(control);

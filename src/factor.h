@@ -1,9 +1,10 @@
 /// @file factor.h  Factorization of the assembled system and solves with many right-hand sides.
 ///
-/// Nonsymmetric systems: UMFPACK (METIS ordering on the pattern of K + K^T, row-scaled), whose
-/// factors are then solved in blocks of right-hand sides by our own kernel (lu_solve.h): UMFPACK's
-/// own solve takes one right-hand side at a time. Symmetric positive definite systems: CHOLMOD,
-/// supernodal, METIS ordering, multi-column solves through BLAS 3.
+/// Nonsymmetric systems: UMFPACK (METIS ordering on the pattern of K + K^T, row-scaled). Symmetric
+/// positive definite systems: CHOLMOD, supernodal, METIS ordering. Both factors are then solved in
+/// blocks of right-hand sides by our own kernel (lu_solve.h), which skips what unit loads leave zero
+/// and what nobody asked for: UMFPACK's own solve takes one right-hand side at a time, and CHOLMOD's
+/// solves through a threaded BLAS, which stalls as soon as another process wants a core.
 ///
 /// Threads: a factor is immutable after creation; any number of threads may solve with it, each with
 /// its own workspace.

@@ -2,6 +2,7 @@
 /// factor -> compliance -> certificate -> model (design section 3).
 #include <palpate/precompute.h>
 
+#include <cblas.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -117,8 +118,22 @@ static pal_status build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const
     return status;
 }
 
+/// OpenBLAS's threads wait by spinning: on a machine that does anything else they cost more than they
+/// bring, and their sums depend on the number of cores. Our own threads use the cores instead.
+static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_progress *progress,
+                                                  pal_model **out, pal_error *error);
+
 pal_status pal_precompute(pal_scene *scene, const pal_progress *progress, pal_model **out,
                           pal_error *error) {
+    int threads = openblas_get_num_threads();
+    openblas_set_num_threads(1);
+    pal_status status = precompute_with_one_blas_thread(scene, progress, out, error);
+    openblas_set_num_threads(threads);
+    return status;
+}
+
+static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_progress *progress,
+                                                  pal_model **out, pal_error *error) {
     *out = NULL;
     double begin = seconds_now();
     pal_cloud cloud = {0};
