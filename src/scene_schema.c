@@ -232,13 +232,15 @@ static const pal_scene_key KEYS[] = {
      BIND(.kind = PALPATE_KEY_SWITCH, AT(struct pal_scene, method.fictitious), METHODS(POINT))},
     CHOICE("method.volumetric", "plain | nodal | mixed | patch",
            "(patch for cell, nodal for form: collocated, mixed for galerkin)",
-           "volumetric part: at the point, averaged at nodes, with pressures (galerkin only), at nodes "
+           "volumetric part: at the point, averaged at nodes, with pressures (galerkin only), at "
+           "nodes "
            "and, towards nu = 0.5, over groups of cells (cell only)",
            struct pal_scene, method.volumetric, METHODS(CELL | COLLOCATED | GALERKIN)),
     NUMBER("method.stabilization", "-", WITHIN(0, 1e6),
            "(5 for cell, 0 for form: collocated, 1 for galerkin)",
            "cell: bulk modulus up to which single nodes resist, in shear moduli, the rest acts on "
-           "groups; collocated: part of the plain volumetric term blended in, 0 to 1; galerkin, mixed: "
+           "groups; collocated: part of the plain volumetric term blended in, 0 to 1; galerkin, "
+           "mixed: "
            "factor of the pressure's stabilization",
            struct pal_scene, method.stabilization, METHODS(CELL | COLLOCATED | GALERKIN)),
     INTEGER("method.integration", WITHIN(1, 64), "(the method's own)",
@@ -314,10 +316,10 @@ static const pal_scene_key KEYS[] = {
            pal_tool_def, friction, FLAGS(PALPATE_KEY_NOT_BUILT_UNLESS_0)),
     MAP("tools[].coupling", "(none: the device pose is the tool's)",
         "virtual coupling between device and tool", FLAGS(PALPATE_KEY_NOT_BUILT)),
-    NUMBER("tools[].coupling.stiffness", "N/m", POSITIVE, "(with coupling)", "its spring",
-           pal_tool_def, coupling_stiffness),
-    NUMBER("tools[].coupling.damping", "N s/m", NOT_NEGATIVE, "(with coupling)", "its damper",
-           pal_tool_def, coupling_damping),
+    NUMBER("tools[].coupling.stiffness", "N/m", POSITIVE, "required", "its spring", pal_tool_def,
+           coupling_stiffness, FLAGS(PALPATE_KEY_REQUIRED)),
+    NUMBER("tools[].coupling.damping", "N s/m", NOT_NEGATIVE, "0", "its damper", pal_tool_def,
+           coupling_damping),
     MAP("tools[].limits", "(all defaults)", "what the device may be asked for"),
     NUMBER("tools[].limits.force", "N", UP_TO(1000), "3.3",
            "cap of the force's magnitude (3.3 N: peak of a Geomagic Touch)", pal_tool_def,
