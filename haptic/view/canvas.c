@@ -274,7 +274,7 @@ static void along(const double at[3], const double axis[3], double r, double len
 
 static void draw_ball(pal_canvas *c, const double at[3], double r, const float colour[3]) {
     const double up[3] = {0.0, 0.0, 1.0};
-    mat4 m;
+    mat4 m = GLM_MAT4_IDENTITY_INIT;
     along(at, up, r, r, m);
     draw_solid(c, SOLID_SPHERE, m, colour);
 }
@@ -287,7 +287,7 @@ static void draw_tool(pal_canvas *c, const pal_tool_def *tool, const pal_pose *p
                       1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])};
     double r = tool->shape == PALPATE_SHAPE_POINT ? 0.008 * c->size : tool->radius;
     double shaft = fmin(0.4 * r, 0.006 * c->size);
-    mat4 m;
+    mat4 m = GLM_MAT4_IDENTITY_INIT;
     if (tool->shape == PALPATE_SHAPE_CAPSULE) {
         double a[3], b[3];
         for (int d = 0; d < 3; d++) {
@@ -331,7 +331,7 @@ static int draw_force(pal_canvas *c, const pal_tool_force *f, const pal_pose *po
         neck[d] = from[d] + 0.78 * length * u[d];
         tip[d] = from[d] + length * u[d];
     }
-    mat4 m;
+    mat4 m = GLM_MAT4_IDENTITY_INIT;
     along(from, u, r, 0.78 * length, m);
     draw_solid(c, SOLID_CYLINDER, m, red);
     along(neck, u, 2.6 * r, 0.22 * length, m);
@@ -407,7 +407,7 @@ static void draw_overlay(pal_canvas *c, const pal_caption *caption, double range
 /// Pixel of a body point in the last drawing.
 static void project(const pal_canvas *c, const double p[3], double *x, double *y) {
     vec4 clip, at = {(float)p[0], (float)p[1], (float)p[2], 1.0F};
-    mat4 view, projection, both;
+    mat4 view = GLM_MAT4_IDENTITY_INIT, projection = GLM_MAT4_IDENTITY_INIT, both;
     memcpy(view, c->view, sizeof view);
     memcpy(projection, c->projection, sizeof projection);
     glm_mat4_mul(projection, view, both);
@@ -463,7 +463,7 @@ double pal_canvas_largest(const pal_canvas *c) {
 }
 
 void pal_canvas_ray(const pal_canvas *c, double x, double y, double origin[3], double direction[3]) {
-    mat4 view, projection, both, inverse;
+    mat4 view = GLM_MAT4_IDENTITY_INIT, projection = GLM_MAT4_IDENTITY_INIT, both, inverse;
     memcpy(view, c->view, sizeof view);
     memcpy(projection, c->projection, sizeof projection);
     glm_mat4_mul(projection, view, both);
