@@ -1,13 +1,12 @@
 /// @file dense.c  Cholesky and LU for the tick: left-looking, register-tiled, fixed order.
 ///
-/// Left-looking (jki): a panel of PANEL columns is brought up to date with all columns to its left in
-/// tiles of TILE rows held in registers, then factored itself. An element sees its updates in
-/// ascending k, one rounded multiply and one rounded subtract each, so tiling and vector width do not
-/// show in the result. Vectors are GCC/clang vector extensions: plain element-wise arithmetic that the
-/// compiler lowers to whatever the target has; on x86-64 the same source is compiled a second time
-/// for AVX2 (without FMA) and chosen at run time.
-/// Algorithms: Golub and Van Loan, Matrix Computations, 4th ed., 3.2 (LU), 4.2 (Cholesky), 6.5.4
-/// (removing a row and column).
+/// Left-looking (jki): a panel of PANEL columns is brought up to date with all columns to its left
+/// in tiles of TILE rows held in registers, then factored itself. An element sees its updates in
+/// ascending k, one rounded multiply and one rounded subtract each, so tiling and vector width do
+/// not show in the result. Vectors are GCC/clang vector extensions: plain element-wise arithmetic
+/// that the compiler lowers to whatever the target has; on x86-64 the same source is compiled a
+/// second time for AVX2 (without FMA) and chosen at run time. Algorithms: Golub and Van Loan,
+/// Matrix Computations, 4th ed., 3.2 (LU), 4.2 (Cholesky), 6.5.4 (removing a row and column).
 #include "haptic/dense.h"
 
 #include <math.h>
@@ -22,8 +21,8 @@ enum { LANES = 4, TILE = 8, PANEL = 4 };
 #define AT(a, i, j) ((a)[(size_t)(i) + (size_t)(j) * (size_t)(ld)])
 
 /// c -= a b for `vectors` x LANES rows and PANEL columns held in registers; b by strides as below.
-INLINE void update_registers(const int vectors, int32_t depth, const double *a, double *c, int32_t ld,
-                             const double *b, size_t bk, size_t bj) {
+INLINE void update_registers(const int vectors, int32_t depth, const double *a, double *c,
+                             int32_t ld, const double *b, size_t bk, size_t bj) {
     lanes acc[PANEL][TILE / LANES];
     for (int j = 0; j < PANEL; j++) {
         for (int r = 0; r < vectors; r++) {
@@ -80,8 +79,8 @@ INLINE int32_t smaller(int32_t a, int32_t b) {
 
 /// x[i] -= s column[i], i = from .. to-1
 INLINE void subtract(const double *column, double s, double *x, int32_t from, int32_t to) {
-    // vectors start at multiples of LANES whatever `from` is: a load that straddles two vectors just
-    // stored would wait for both to reach the cache
+    // vectors start at multiples of LANES whatever `from` is: a load that straddles two vectors
+    // just stored would wait for both to reach the cache
     lanes factor = {s, s, s, s};
     int32_t i = from;
     for (; i < to && i % LANES != 0; i++) {
@@ -123,7 +122,8 @@ INLINE int32_t cholesky(int32_t n, int32_t first, double *a, int32_t ld) {
         // panel's diagonal block would be written by a tile, so that block is done by columns.
         for (int32_t j = j0; j < j0 + width; j++) {
             int32_t i0 = j, end = j0 + width;
-            update_tile(end - i0, 1, j0, &AT(a, i0, 0), &AT(a, i0, j), ld, &AT(a, j, 0), (size_t)ld, 1);
+            update_tile(end - i0, 1, j0, &AT(a, i0, 0), &AT(a, i0, j), ld, &AT(a, j, 0), (size_t)ld,
+                        1);
         }
         for (int32_t i = j0 + width; i < n; i += TILE) {
             update_tile(smaller(TILE, n - i), width, j0, &AT(a, i, 0), &AT(a, i, j0), ld,
@@ -179,8 +179,8 @@ INLINE int32_t lu(int32_t n, double *a, int32_t ld, int32_t *pivot) {
             }
         }
         for (int32_t i = j0; i < n; i += TILE) {
-            update_tile(smaller(TILE, n - i), width, j0, &AT(a, i, 0), &AT(a, i, j0), ld, &AT(a, 0, j0),
-                        1, (size_t)ld);
+            update_tile(smaller(TILE, n - i), width, j0, &AT(a, i, 0), &AT(a, i, j0), ld,
+                        &AT(a, 0, j0), 1, (size_t)ld);
         }
         for (int32_t j = j0; j < end; j++) {
             for (int32_t k = j0; k < j; k++) {
@@ -260,7 +260,8 @@ INLINE void lu_solve(int32_t n, const double *a, int32_t ld, const int32_t *pivo
     }
 }
 
-// ---- One copy per instruction set -----------------------------------------------------------------
+// ---- One copy per instruction set
+// -----------------------------------------------------------------
 
 #if defined(__x86_64__) && !defined(PALPATE_DENSE_BASELINE)
 #define AVX2 __attribute__((target("avx2")))

@@ -1,11 +1,11 @@
 /// @file dense.h  Small dense factorizations with a fixed order of operations (private; exported).
 ///
-/// For the tick (contact systems up to a few hundred unknowns) and for press. Nothing here allocates,
-/// locks, calls a library or depends on the number of threads. Every element of a factor is built by
-/// the same sequence of rounded operations, a_ij - l_i0 u_0j - l_i1 u_1j - ... in ascending order,
-/// whatever the block size or the vector width, so results are the same bits on every x86-64 build
-/// (needs -ffp-contract=off). Matrices are column-major with leading dimension `ld` >= n; no
-/// alignment is needed. Thread: any, as long as the arguments are not shared.
+/// For the tick (contact systems up to a few hundred unknowns) and for press. Nothing here
+/// allocates, locks, calls a library or depends on the number of threads. Every element of a factor
+/// is built by the same sequence of rounded operations, a_ij - l_i0 u_0j - l_i1 u_1j - ... in
+/// ascending order, whatever the block size or the vector width, so results are the same bits on
+/// every x86-64 build (needs -ffp-contract=off). Matrices are column-major with leading dimension
+/// `ld` >= n; no alignment is needed. Thread: any, as long as the arguments are not shared.
 #ifndef PALPATE_HAPTIC_DENSE_H
 #define PALPATE_HAPTIC_DENSE_H
 
@@ -38,11 +38,12 @@ PALPATE_API void pal_dense_lu_solve(int32_t n, const double *lu, int32_t ld, con
 /// x <- L^-1 x (lower, diagonal stored), one right-hand side.
 PALPATE_API void pal_dense_lower_solve(int32_t n, const double *l, int32_t ld, double *x);
 /// x <- L^-T x.
-PALPATE_API void pal_dense_lower_solve_transposed(int32_t n, const double *l, int32_t ld, double *x);
+PALPATE_API void pal_dense_lower_solve_transposed(int32_t n, const double *l, int32_t ld,
+                                                  double *x);
 
 /// Remove unknown `k` from a Cholesky factor of order n in place (Givens rotations on the columns
-/// behind it): afterwards the leading (n-1) x (n-1) lower triangle is the factor of A without row and
-/// column k. Cost: O((n - k)^2).
+/// behind it): afterwards the leading (n-1) x (n-1) lower triangle is the factor of A without row
+/// and column k. Cost: O((n - k)^2).
 PALPATE_API void pal_dense_cholesky_remove(int32_t n, int32_t k, double *l, int32_t ld);
 
 #endif

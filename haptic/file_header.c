@@ -1,7 +1,7 @@
 /// @file file_header.c  Sealing, verifying, reading and atomically writing Palpate's files.
 ///
-/// Layout and promises: file_header.h. Thread: any; two processes may save the same path at once, the
-/// later rename wins and both files are whole.
+/// Layout and promises: file_header.h. Thread: any; two processes may save the same path at once,
+/// the later rename wins and both files are whole.
 #include "haptic/file_header.h"
 
 #include <errno.h>
@@ -17,7 +17,14 @@
 #include "haptic/error.h"
 #include "haptic/hash.h"
 
-enum { KIND_AT = 8, VERSION_AT = 16, BLOCK_AT = 20, TOTAL_AT = 24, SUM_AT = 32, HEADER_SUM_AT = 64 };
+enum {
+    KIND_AT = 8,
+    VERSION_AT = 16,
+    BLOCK_AT = 20,
+    TOTAL_AT = 24,
+    SUM_AT = 32,
+    HEADER_SUM_AT = 64
+};
 
 static const uint8_t magic[8] = {0x89, 'P', 'A', 'L', 'P', '\r', '\n', 0x1A};
 
@@ -48,8 +55,8 @@ static void store_le(uint8_t *p, int bytes, uint64_t x) {
 
 // ---- Header -------------------------------------------------------------------------------------
 
-static void make_header(pal_file_kind kind, uint32_t version, uint64_t total, const uint8_t *checksum,
-                        uint8_t header[PALPATE_HEADER_BYTES]) {
+static void make_header(pal_file_kind kind, uint32_t version, uint64_t total,
+                        const uint8_t *checksum, uint8_t header[PALPATE_HEADER_BYTES]) {
     memset(header, 0, PALPATE_HEADER_BYTES);
     memcpy(header, magic, sizeof magic);
     memcpy(header + KIND_AT, kinds[kind].stored, sizeof kinds[kind].stored);
@@ -60,26 +67,29 @@ static void make_header(pal_file_kind kind, uint32_t version, uint64_t total, co
     pal_hash_buffer(header, HEADER_SUM_AT, header + HEADER_SUM_AT);
 }
 
-static pal_status wrong_magic(pal_file_kind kind, const uint8_t *bytes, size_t have, const char *name,
-                              pal_error *error) {
+static pal_status wrong_magic(pal_file_kind kind, const uint8_t *bytes, size_t have,
+                              const char *name, pal_error *error) {
     static const uint8_t hdf5[8] = {0x89, 'H', 'D', 'F', '\r', '\n', 0x1A, '\n'};
     const kind_text *k = &kinds[kind];
     if (have >= sizeof hdf5 && memcmp(bytes, hdf5, sizeof hdf5) == 0) {
-        return pal_fail(error, PALPATE_ERROR_FORMAT,
-                        "%s: not a Palpate %s: plain HDF5 without Palpate's header; give a file written by %s",
-                        name, k->name, k->maker);
+        return pal_fail(
+            error, PALPATE_ERROR_FORMAT,
+            "%s: not a Palpate %s: plain HDF5 without Palpate's header; give a file written by %s",
+            name, k->name, k->maker);
     }
     char start[3 * 8 + 1] = "";
     for (size_t i = 0; i < have && i < 8; i++) {
         (void)snprintf(start + 3 * i, 4, " %02x", bytes[i]);
     }
-    return pal_fail(error, PALPATE_ERROR_FORMAT, "%s: not a Palpate %s: it starts with%s; give a file written by %s",
-                    name, k->name, start, k->maker);
+    return pal_fail(error, PALPATE_ERROR_FORMAT,
+                    "%s: not a Palpate %s: it starts with%s; give a file written by %s", name,
+                    k->name, start, k->maker);
 }
 
-/// Check the first bytes of a file of `size` bytes, of which `have` (up to PALPATE_HEADER_BYTES) are here.
-static pal_status check_header(pal_file_kind kind, uint32_t newest, const uint8_t *header, size_t have,
-                               uint64_t size, const char *name, pal_error *error) {
+/// Check the first bytes of a file of `size` bytes, of which `have` (up to PALPATE_HEADER_BYTES)
+/// are here.
+static pal_status check_header(pal_file_kind kind, uint32_t newest, const uint8_t *header,
+                               size_t have, uint64_t size, const char *name, pal_error *error) {
     const kind_text *k = &kinds[kind];
     size_t compare = have < sizeof magic ? have : sizeof magic;
     if (memcmp(header, magic, compare) != 0) {
@@ -87,15 +97,16 @@ static pal_status check_header(pal_file_kind kind, uint32_t newest, const uint8_
     }
     if (have < PALPATE_HEADER_BYTES) {
         return pal_fail(error, PALPATE_ERROR_TRUNCATED,
-                        "%s: truncated: %zu bytes, the header alone has %d; write it again with %s", name, have,
-                        PALPATE_HEADER_BYTES, k->maker);
+                        "%s: truncated: %zu bytes, the header alone has %d; write it again with %s",
+                        name, have, PALPATE_HEADER_BYTES, k->maker);
     }
     uint8_t sum[PALPATE_HASH_BYTES];
     pal_hash_buffer(header, HEADER_SUM_AT, sum);
     if (memcmp(sum, header + HEADER_SUM_AT, sizeof sum) != 0) {
-        return pal_fail(error, PALPATE_ERROR_CHECKSUM,
-                        "%s: corrupted: the checksum of its header does not match; write it again with %s", name,
-                        k->maker);
+        return pal_fail(
+            error, PALPATE_ERROR_CHECKSUM,
+            "%s: corrupted: the checksum of its header does not match; write it again with %s",
+            name, k->maker);
     }
     if (memcmp(header + KIND_AT, k->stored, sizeof k->stored) != 0) {
         const char *found = "file of another kind";
@@ -104,8 +115,9 @@ static pal_status check_header(pal_file_kind kind, uint32_t newest, const uint8_
                 found = kinds[i].name;
             }
         }
-        return pal_fail(error, PALPATE_ERROR_FORMAT, "%s: a Palpate %s, not a %s; give a file written by %s", name,
-                        found, k->name, k->maker);
+        return pal_fail(error, PALPATE_ERROR_FORMAT,
+                        "%s: a Palpate %s, not a %s; give a file written by %s", name, found,
+                        k->name, k->maker);
     }
     uint32_t version = (uint32_t)load_le(header + VERSION_AT, 4);
     if (version > newest) {
@@ -117,33 +129,36 @@ static pal_status check_header(pal_file_kind kind, uint32_t newest, const uint8_
     uint64_t block = load_le(header + BLOCK_AT, 4), total = load_le(header + TOTAL_AT, 8);
     if (version == 0 || block < PALPATE_USER_BLOCK || (block & (block - 1)) != 0 || total < block) {
         return pal_fail(error, PALPATE_ERROR_FORMAT,
-                        "%s: version %" PRIu32 ", user block %" PRIu64 " and size %" PRIu64 " do not make a %s", name,
-                        version, block, total, k->name);
+                        "%s: version %" PRIu32 ", user block %" PRIu64 " and size %" PRIu64
+                        " do not make a %s",
+                        name, version, block, total, k->name);
     }
     if (size < total) {
         return pal_fail(error, PALPATE_ERROR_TRUNCATED,
-                        "%s: truncated: %" PRIu64 " of %" PRIu64 " bytes; write it again with %s", name, size, total,
-                        k->maker);
+                        "%s: truncated: %" PRIu64 " of %" PRIu64 " bytes; write it again with %s",
+                        name, size, total, k->maker);
     }
     if (size > total) {
         return pal_fail(error, PALPATE_ERROR_CHECKSUM,
-                        "%s: corrupted: %" PRIu64 " bytes, its header says %" PRIu64 "; write it again with %s", name,
-                        size, total, k->maker);
+                        "%s: corrupted: %" PRIu64 " bytes, its header says %" PRIu64
+                        "; write it again with %s",
+                        name, size, total, k->maker);
     }
     return PALPATE_OK;
 }
 
-static pal_status check_sum(pal_file_kind kind, const uint8_t *header, const uint8_t *computed, const char *name,
-                            pal_error *error) {
+static pal_status check_sum(pal_file_kind kind, const uint8_t *header, const uint8_t *computed,
+                            const char *name, pal_error *error) {
     if (memcmp(header + SUM_AT, computed, PALPATE_HASH_BYTES) == 0) {
         return PALPATE_OK;
     }
     char stored[17], found[17];
     pal_hash_to_hex(header + SUM_AT, 8, stored);
     pal_hash_to_hex(computed, 8, found);
-    return pal_fail(error, PALPATE_ERROR_CHECKSUM,
-                    "%s: corrupted: its checksum is %s..., its header says %s...; write it again with %s", name,
-                    found, stored, kinds[kind].maker);
+    return pal_fail(
+        error, PALPATE_ERROR_CHECKSUM,
+        "%s: corrupted: its checksum is %s..., its header says %s...; write it again with %s", name,
+        found, stored, kinds[kind].maker);
 }
 
 pal_status pal_file_seal(pal_file_kind kind, uint32_t version, void *image, size_t size) {
@@ -151,7 +166,8 @@ pal_status pal_file_seal(pal_file_kind kind, uint32_t version, void *image, size
         return PALPATE_ERROR_ARGUMENT;
     }
     uint8_t checksum[PALPATE_HASH_BYTES];
-    pal_hash_buffer((const uint8_t *)image + PALPATE_HEADER_BYTES, size - PALPATE_HEADER_BYTES, checksum);
+    pal_hash_buffer((const uint8_t *)image + PALPATE_HEADER_BYTES, size - PALPATE_HEADER_BYTES,
+                    checksum);
     make_header(kind, version, size, checksum, image);
     return PALPATE_OK;
 }
@@ -164,7 +180,8 @@ pal_status pal_file_verify(pal_file_kind kind, uint32_t newest, const void *imag
         return status;
     }
     uint8_t checksum[PALPATE_HASH_BYTES];
-    pal_hash_buffer((const uint8_t *)image + PALPATE_HEADER_BYTES, size - PALPATE_HEADER_BYTES, checksum);
+    pal_hash_buffer((const uint8_t *)image + PALPATE_HEADER_BYTES, size - PALPATE_HEADER_BYTES,
+                    checksum);
     return check_sum(kind, image, checksum, name, error);
 }
 
@@ -212,7 +229,8 @@ static pal_status fail_errno(pal_error *error, const char *path, const char *wha
 
 /// Open for reading and check the header. O_NONBLOCK: a FIFO must not hang us before it is refused.
 static pal_status open_checked(pal_file_kind kind, uint32_t newest, const char *path,
-                               uint8_t header[PALPATE_HEADER_BYTES], int *fd, uint64_t *size, pal_error *error) {
+                               uint8_t header[PALPATE_HEADER_BYTES], int *fd, uint64_t *size,
+                               pal_error *error) {
     struct stat st;
     *fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (*fd < 0) {
@@ -237,12 +255,13 @@ static pal_status open_checked(pal_file_kind kind, uint32_t newest, const char *
 
 static pal_status shrank(pal_error *error, const char *path, uint64_t have, uint64_t size) {
     return pal_fail(error, PALPATE_ERROR_TRUNCATED,
-                    "%s: truncated while it was read: %" PRIu64 " of %" PRIu64 " bytes; is it being written?", path,
-                    have, size);
+                    "%s: truncated while it was read: %" PRIu64 " of %" PRIu64
+                    " bytes; is it being written?",
+                    path, have, size);
 }
 
-pal_status pal_file_load(pal_file_kind kind, uint32_t newest, const char *path, void **image, size_t *size,
-                         pal_error *error) {
+pal_status pal_file_load(pal_file_kind kind, uint32_t newest, const char *path, void **image,
+                         size_t *size, pal_error *error) {
     uint8_t header[PALPATE_HEADER_BYTES];
     uint64_t total = 0;
     int fd;
@@ -252,10 +271,11 @@ pal_status pal_file_load(pal_file_kind kind, uint32_t newest, const char *path, 
     if (status != PALPATE_OK) {
         return status;
     }
-    uint8_t *bytes = malloc((size_t)total);
+    uint8_t *bytes = malloc(total > 0 ? (size_t)total : 1);
     if (bytes == NULL) {
         (void)close(fd);
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "%s: no memory for its %" PRIu64 " bytes", path, total);
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "%s: no memory for its %" PRIu64 " bytes",
+                        path, total);
     }
     memcpy(bytes, header, sizeof header);
     ssize_t rest = read_all(fd, bytes + sizeof header, (size_t)total - sizeof header);
@@ -300,7 +320,8 @@ static int64_t hash_rest(int fd, uint8_t *digest) {
     return n < 0 ? -1 : total;
 }
 
-pal_status pal_file_verify_path(pal_file_kind kind, uint32_t newest, const char *path, pal_error *error) {
+pal_status pal_file_verify_path(pal_file_kind kind, uint32_t newest, const char *path,
+                                pal_error *error) {
     uint8_t header[PALPATE_HEADER_BYTES], checksum[PALPATE_HASH_BYTES];
     uint64_t total = 0;
     int fd;
@@ -320,7 +341,8 @@ pal_status pal_file_verify_path(pal_file_kind kind, uint32_t newest, const char 
     return check_sum(kind, header, checksum, path, error);
 }
 
-pal_status pal_file_seal_path(pal_file_kind kind, uint32_t version, const char *path, pal_error *error) {
+pal_status pal_file_seal_path(pal_file_kind kind, uint32_t version, const char *path,
+                              pal_error *error) {
     uint8_t header[PALPATE_HEADER_BYTES], checksum[PALPATE_HASH_BYTES];
     int fd = open(path, O_RDWR | O_CLOEXEC);
     if (fd < 0) {
@@ -372,7 +394,8 @@ int pal_file_sync_directory(const char *path) {
     return code;
 }
 
-/// Create a new file next to `path`, named .NAME.RANDOM.tmp. @return its descriptor, or -1 with errno
+/// Create a new file next to `path`, named .NAME.RANDOM.tmp. @return its descriptor, or -1 with
+/// errno
 static int create_temporary(const char *path, unsigned mode, char *temporary, size_t size) {
     const char *slash = strrchr(path, '/');
     int directory = slash == NULL ? 0 : (int)(slash - path + 1);
@@ -383,8 +406,10 @@ static int create_temporary(const char *path, unsigned mode, char *temporary, si
             random = (uint64_t)getpid() << 32 | (uint64_t)attempt;
         }
         // names may be NAME_MAX long already: keep only their start
-        (void)snprintf(temporary, size, "%.*s.%.100s.%016" PRIx64 ".tmp", directory, path, name, random);
-        int fd = open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, (mode_t)mode);
+        (void)snprintf(temporary, size, "%.*s.%.100s.%016" PRIx64 ".tmp", directory, path, name,
+                       random);
+        int fd =
+            open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, (mode_t)mode);
         if (fd >= 0 || errno != EEXIST) {
             return fd;
         }
@@ -392,13 +417,15 @@ static int create_temporary(const char *path, unsigned mode, char *temporary, si
     return -1;
 }
 
-pal_status pal_file_save(const char *path, const void *data, size_t size, unsigned mode, pal_error *error) {
+pal_status pal_file_save(const char *path, const void *data, size_t size, unsigned mode,
+                         pal_error *error) {
     struct stat st;
     if (path[0] == 0 || path[strlen(path) - 1] == '/') {
         return pal_fail(error, PALPATE_ERROR_IO, "\"%s\": not a file name", path);
     }
     if (lstat(path, &st) == 0 && !S_ISREG(st.st_mode) && !S_ISLNK(st.st_mode)) {
-        return pal_fail(error, PALPATE_ERROR_IO, "%s: exists and is not a regular file; choose another name", path);
+        return pal_fail(error, PALPATE_ERROR_IO,
+                        "%s: exists and is not a regular file; choose another name", path);
     }
     size_t room = strlen(path) + 140;
     char *temporary = malloc(room);

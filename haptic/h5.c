@@ -1,8 +1,8 @@
 /// @file h5.c  The one file that includes HDF5. See h5.h for layout and thread rules.
 ///
-/// Images: HDF5's core driver with file-image callbacks. A written image is the driver's own buffer,
-/// kept when the driver closes; a read image is the caller's buffer, handed out for every "copy", so
-/// no second copy of a model is ever made.
+/// Images: HDF5's core driver with file-image callbacks. A written image is the driver's own
+/// buffer, kept when the driver closes; a read image is the caller's buffer, handed out for every
+/// "copy", so no second copy of a model is ever made.
 #include "haptic/h5.h"
 
 #include <errno.h>
@@ -131,7 +131,8 @@ static void *image_malloc(size_t size, H5FD_file_image_op_t op, void *udata) {
     return file->image;
 }
 
-static void *image_memcpy(void *to, const void *from, size_t size, H5FD_file_image_op_t op, void *udata) {
+static void *image_memcpy(void *to, const void *from, size_t size, H5FD_file_image_op_t op,
+                          void *udata) {
     (void)op;
     (void)udata;
     return to == from ? to : memcpy(to, from, size);
@@ -229,15 +230,17 @@ pal_status pal_h5_create(const char *path, size_t user_block, size_t expected, p
              // time stamps would make equal models unequal files
              H5Pset_obj_track_times(creation, 0) >= 0 &&
              // small aggregation blocks: less padding in small files
-             H5Pset_meta_block_size(access, 2048) >= 0 && H5Pset_small_data_block_size(access, 2048) >= 0 &&
+             H5Pset_meta_block_size(access, 2048) >= 0 &&
+             H5Pset_small_data_block_size(access, 2048) >= 0 &&
              (path != NULL || set_memory_driver(access, file, increment));
     if (ok) {
         char name[40];
-        file->id = H5Fcreate(path != NULL ? path : image_name(file, name), H5F_ACC_TRUNC, creation, access);
+        file->id = H5Fcreate(path != NULL ? path : image_name(file, name), H5F_ACC_TRUNC, creation,
+                             access);
     }
     if (file->id < 0) {
-        status = fail_h5(error, path != NULL ? PALPATE_ERROR_IO : PALPATE_ERROR_MEMORY, "cannot create",
-                         path != NULL ? path : "an HDF5 image");
+        status = fail_h5(error, path != NULL ? PALPATE_ERROR_IO : PALPATE_ERROR_MEMORY,
+                         "cannot create", path != NULL ? path : "an HDF5 image");
         (void)close_ids(file);
         free(file->image);
         free(file);
@@ -270,8 +273,10 @@ pal_status pal_h5_take_image(pal_h5 *file, void **image, size_t *size, pal_error
     if (ok && bytes > 0 && file->image != NULL) {
         // the driver grows in large steps: what the file does not reach is cut off
         *size = bytes < file->length ? (size_t)bytes : file->length;
-        void *fitted = realloc(file->image, *size);
-        *image = fitted != NULL ? fitted : file->image;
+        *image = realloc(file->image, *size);
+        if (*image == NULL) {
+            *image = file->image; // too much room is no failure
+        }
     } else {
         status = fail_h5(error, PALPATE_ERROR_MEMORY, "cannot finish", "an HDF5 image");
         free(file->image);
@@ -301,7 +306,8 @@ static pal_status open_file(const char *path, const void *image, size_t size, pa
         file->id = H5Fopen(path != NULL ? path : image_name(file, name), H5F_ACC_RDONLY, access);
     }
     if (file->id < 0) {
-        status = fail_h5(error, PALPATE_ERROR_FORMAT, "HDF5 cannot read", path != NULL ? path : "the image");
+        status = fail_h5(error, PALPATE_ERROR_FORMAT, "HDF5 cannot read",
+                         path != NULL ? path : "the image");
         (void)close_ids(file);
         free(file);
         file = NULL;
@@ -324,7 +330,8 @@ pal_status pal_h5_open_file(const char *path, pal_h5 **out, pal_error *error) {
     *out = NULL;
     if (stat(path, &st) != 0 || !S_ISREG(st.st_mode)) {
         return pal_fail(error, PALPATE_ERROR_IO, "%s: %s", path,
-                        errno != 0 && !S_ISREG(st.st_mode) ? "not a regular file" : strerror(errno));
+                        errno != 0 && !S_ISREG(st.st_mode) ? "not a regular file"
+                                                           : strerror(errno));
     }
     return open_file(path, NULL, (size_t)st.st_size, out, error);
 }
@@ -379,8 +386,9 @@ static hid_t make_dataset(pal_h5 *file, const char *path, hid_t type, hid_t spac
         H5Pset_fill_time(creation, H5D_FILL_TIME_NEVER) >= 0) {
         dataset = H5Dcreate2(file->id, path, type, space, links, creation, H5P_DEFAULT);
     }
-    if (dataset >= 0 && ((unit != NULL && !write_attribute(dataset, "unit", unit)) ||
-                         (description != NULL && !write_attribute(dataset, "description", description)))) {
+    if (dataset >= 0 &&
+        ((unit != NULL && !write_attribute(dataset, "unit", unit)) ||
+         (description != NULL && !write_attribute(dataset, "description", description)))) {
         (void)H5Dclose(dataset);
         dataset = H5I_INVALID_HID;
     }
@@ -393,7 +401,8 @@ static hid_t make_dataset(pal_h5 *file, const char *path, hid_t type, hid_t spac
     return dataset;
 }
 
-pal_status pal_h5_describe(pal_h5 *file, const char *group, const char *description, pal_error *error) {
+pal_status pal_h5_describe(pal_h5 *file, const char *group, const char *description,
+                           pal_error *error) {
     h5_call call = enter();
     hid_t object = H5I_INVALID_HID;
     hid_t links = H5Pcreate(H5P_LINK_CREATE);
@@ -415,8 +424,8 @@ pal_status pal_h5_describe(pal_h5 *file, const char *group, const char *descript
 }
 
 /// dims as HDF5 wants them. @return 0 when the shape is out of range
-static int shape_of(int rank, const int64_t dims[], hsize_t shape[PALPATE_H5_RANK_MAX], size_t element,
-                    size_t *bytes) {
+static int shape_of(int rank, const int64_t dims[], hsize_t shape[PALPATE_H5_RANK_MAX],
+                    size_t element, size_t *bytes) {
     if (rank < 0 || rank > PALPATE_H5_RANK_MAX || element == 0) {
         return 0;
     }
@@ -430,8 +439,9 @@ static int shape_of(int rank, const int64_t dims[], hsize_t shape[PALPATE_H5_RAN
     return *bytes <= PTRDIFF_MAX;
 }
 
-pal_status pal_h5_declare(pal_h5 *file, const char *path, pal_h5_type type, int rank, const int64_t dims[],
-                          const char *unit, const char *description, pal_error *error) {
+pal_status pal_h5_declare(pal_h5 *file, const char *path, pal_h5_type type, int rank,
+                          const int64_t dims[], const char *unit, const char *description,
+                          pal_error *error) {
     hsize_t shape[PALPATE_H5_RANK_MAX];
     size_t bytes;
     if (!shape_of(rank, dims, shape, pal_h5_type_size(type), &bytes)) {
@@ -439,8 +449,9 @@ pal_status pal_h5_declare(pal_h5 *file, const char *path, pal_h5_type type, int 
     }
     h5_call call = enter();
     hid_t space = rank == 0 ? H5Screate(H5S_SCALAR) : H5Screate_simple(rank, shape, NULL);
-    hid_t dataset = space >= 0 ? make_dataset(file, path, type_id(file, type), space, unit, description)
-                               : H5I_INVALID_HID;
+    hid_t dataset = space >= 0
+                        ? make_dataset(file, path, type_id(file, type), space, unit, description)
+                        : H5I_INVALID_HID;
     pal_status status = PALPATE_OK;
     if (dataset < 0 || H5Dclose(dataset) < 0) {
         status = fail_h5(error, PALPATE_ERROR_IO, "cannot write", path);
@@ -456,14 +467,16 @@ pal_status pal_h5_declare(pal_h5 *file, const char *path, pal_h5_type type, int 
 static int select_rows(hid_t space, int64_t first, int64_t count, int64_t ld, hid_t *memory) {
     hsize_t dims[PALPATE_H5_RANK_MAX] = {0}, start[PALPATE_H5_RANK_MAX] = {0};
     int rank = H5Sget_simple_extent_ndims(space);
-    if (rank < 0 || rank > PALPATE_H5_RANK_MAX || (rank > 0 && H5Sget_simple_extent_dims(space, dims, NULL) < 0)) {
+    if (rank < 0 || rank > PALPATE_H5_RANK_MAX ||
+        (rank > 0 && H5Sget_simple_extent_dims(space, dims, NULL) < 0)) {
         return 0;
     }
     if (rank == 0) {
         *memory = first == 0 && count == 1 ? H5Screate(H5S_SCALAR) : H5I_INVALID_HID;
         return *memory >= 0;
     }
-    if (first < 0 || count < 0 || (hsize_t)first > dims[0] || (hsize_t)count > dims[0] - (hsize_t)first) {
+    if (first < 0 || count < 0 || (hsize_t)first > dims[0] ||
+        (hsize_t)count > dims[0] - (hsize_t)first) {
         return 0;
     }
     start[0] = (hsize_t)first;
@@ -481,7 +494,8 @@ static int select_rows(hid_t space, int64_t first, int64_t count, int64_t ld, hi
         spread[1] = (hsize_t)ld;
     }
     *memory = H5Screate_simple(rank, spread, NULL);
-    return *memory >= 0 && H5Sselect_hyperslab(space, H5S_SELECT_SET, start, NULL, dims, NULL) >= 0 &&
+    return *memory >= 0 &&
+           H5Sselect_hyperslab(space, H5S_SELECT_SET, start, NULL, dims, NULL) >= 0 &&
            H5Sselect_hyperslab(*memory, H5S_SELECT_SET, zero, NULL, dims, NULL) >= 0;
 }
 
@@ -492,7 +506,8 @@ static int transfer_rows(hid_t dataset, hid_t type, int64_t first, int64_t count
     if (ok) {
         char nothing = 0; // zero-sized transfers still want an address
         ok = to != NULL ? H5Dread(dataset, type, memory, space, H5P_DEFAULT, to) >= 0
-                        : H5Dwrite(dataset, type, memory, space, H5P_DEFAULT, from != NULL ? from : &nothing) >= 0;
+                        : H5Dwrite(dataset, type, memory, space, H5P_DEFAULT,
+                                   from != NULL ? from : &nothing) >= 0;
     }
     if (memory >= 0) {
         (void)H5Sclose(memory);
@@ -503,11 +518,12 @@ static int transfer_rows(hid_t dataset, hid_t type, int64_t first, int64_t count
     return ok;
 }
 
-pal_status pal_h5_write_rows(pal_h5 *file, const char *path, pal_h5_type type, int64_t first, int64_t count,
-                             int64_t ld, const void *data, pal_error *error) {
+pal_status pal_h5_write_rows(pal_h5 *file, const char *path, pal_h5_type type, int64_t first,
+                             int64_t count, int64_t ld, const void *data, pal_error *error) {
     h5_call call = enter();
     hid_t dataset = H5Dopen2(file->id, path, H5P_DEFAULT);
-    int ok = dataset >= 0 && transfer_rows(dataset, type_id(file, type), first, count, ld, data, NULL);
+    int ok =
+        dataset >= 0 && transfer_rows(dataset, type_id(file, type), first, count, ld, data, NULL);
     if (dataset >= 0) {
         ok = H5Dclose(dataset) >= 0 && ok;
     }
@@ -516,8 +532,9 @@ pal_status pal_h5_write_rows(pal_h5 *file, const char *path, pal_h5_type type, i
     return status;
 }
 
-pal_status pal_h5_write(pal_h5 *file, const char *path, pal_h5_type type, int rank, const int64_t dims[],
-                        const void *data, const char *unit, const char *description, pal_error *error) {
+pal_status pal_h5_write(pal_h5 *file, const char *path, pal_h5_type type, int rank,
+                        const int64_t dims[], const void *data, const char *unit,
+                        const char *description, pal_error *error) {
     pal_status status = pal_h5_declare(file, path, type, rank, dims, unit, description, error);
     if (status != PALPATE_OK) {
         return status;
@@ -534,12 +551,13 @@ static hid_t text_type(size_t size) {
     return type;
 }
 
-pal_status pal_h5_write_text(pal_h5 *file, const char *path, const char *text, const char *description,
-                             pal_error *error) {
+pal_status pal_h5_write_text(pal_h5 *file, const char *path, const char *text,
+                             const char *description, pal_error *error) {
     h5_call call = enter();
     hid_t type = text_type(strlen(text) + 1), space = H5Screate(H5S_SCALAR);
-    hid_t dataset = type >= 0 && space >= 0 ? make_dataset(file, path, type, space, NULL, description)
-                                            : H5I_INVALID_HID;
+    hid_t dataset = type >= 0 && space >= 0
+                        ? make_dataset(file, path, type, space, NULL, description)
+                        : H5I_INVALID_HID;
     int ok = dataset >= 0 && H5Dwrite(dataset, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, text) >= 0;
     if (dataset >= 0) {
         ok = H5Dclose(dataset) >= 0 && ok;
@@ -571,8 +589,8 @@ static int hard_path(hid_t id, const char *path) {
         memcpy(prefix, path, i);
         prefix[i] = 0;
         H5L_info_t link;
-        if (H5Lexists(id, prefix, H5P_DEFAULT) <= 0 || H5Lget_info(id, prefix, &link, H5P_DEFAULT) < 0 ||
-            link.type != H5L_TYPE_HARD) {
+        if (H5Lexists(id, prefix, H5P_DEFAULT) <= 0 ||
+            H5Lget_info(id, prefix, &link, H5P_DEFAULT) < 0 || link.type != H5L_TYPE_HARD) {
             return 0;
         }
     }
@@ -600,8 +618,9 @@ static hid_t open_dataset(pal_h5 *file, const char *path, pal_error *error) {
         return H5I_INVALID_HID;
     }
     creation = H5Dget_create_plist(dataset);
-    if (creation < 0 || H5Pget_layout(creation) != H5D_CONTIGUOUS || H5Pget_nfilters(creation) != 0 ||
-        H5Pget_external_count(creation) != 0 || H5Dget_storage_size(dataset) > file->size) {
+    if (creation < 0 || H5Pget_layout(creation) != H5D_CONTIGUOUS ||
+        H5Pget_nfilters(creation) != 0 || H5Pget_external_count(creation) != 0 ||
+        H5Dget_storage_size(dataset) > file->size) {
         (void)pal_fail(error, PALPATE_ERROR_FORMAT, "%s is not stored plainly", path);
         (void)H5Dclose(dataset);
         dataset = H5I_INVALID_HID;
@@ -613,17 +632,19 @@ static hid_t open_dataset(pal_h5 *file, const char *path, pal_error *error) {
 }
 
 /// Type, rank and completeness of an open dataset; its dimensions into dims.
-static pal_status check_dataset(const pal_h5 *file, hid_t dataset, const char *path, pal_h5_type type, int rank,
-                                int64_t dims[], pal_error *error) {
+static pal_status check_dataset(const pal_h5 *file, hid_t dataset, const char *path,
+                                pal_h5_type type, int rank, int64_t dims[], pal_error *error) {
     pal_status status = PALPATE_OK;
     hsize_t shape[PALPATE_H5_RANK_MAX] = {0};
     hid_t stored = H5Dget_type(dataset), space = H5Dget_space(dataset);
     int found = space >= 0 ? H5Sget_simple_extent_ndims(space) : -1;
     if (stored < 0 || H5Tequal(stored, type_id(file, type)) <= 0) {
         status = pal_fail(error, PALPATE_ERROR_FORMAT, "%s has another number type", path);
-    } else if (found != rank || (rank > 0 && H5Sget_simple_extent_dims(space, shape, NULL) != rank) ||
+    } else if (found != rank ||
+               (rank > 0 && H5Sget_simple_extent_dims(space, shape, NULL) != rank) ||
                (rank == 0 && H5Sget_simple_extent_type(space) != H5S_SCALAR)) {
-        status = pal_fail(error, PALPATE_ERROR_FORMAT, "%s has %d dimensions, must have %d", path, found, rank);
+        status = pal_fail(error, PALPATE_ERROR_FORMAT, "%s has %d dimensions, must have %d", path,
+                          found, rank);
     } else {
         size_t bytes = pal_h5_type_size(type);
         for (int i = 0; i < rank; i++) {
@@ -634,8 +655,8 @@ static pal_status check_dataset(const pal_h5 *file, hid_t dataset, const char *p
             dims[i] = (int64_t)shape[i];
         }
         if (bytes > file->size || H5Dget_storage_size(dataset) != bytes) {
-            status = pal_fail(error, PALPATE_ERROR_FORMAT, "%s claims %zu bytes that the file does not hold",
-                              path, bytes);
+            status = pal_fail(error, PALPATE_ERROR_FORMAT,
+                              "%s claims %zu bytes that the file does not hold", path, bytes);
         }
     }
     if (stored >= 0) {
@@ -660,8 +681,9 @@ pal_status pal_h5_dims(pal_h5 *file, const char *path, pal_h5_type type, int ran
     return status;
 }
 
-pal_status pal_h5_read_rows(pal_h5 *file, const char *path, pal_h5_type type, int rank, const int64_t dims[],
-                            int64_t first, int64_t count, int64_t ld, void *data, pal_error *error) {
+pal_status pal_h5_read_rows(pal_h5 *file, const char *path, pal_h5_type type, int rank,
+                            const int64_t dims[], int64_t first, int64_t count, int64_t ld,
+                            void *data, pal_error *error) {
     h5_call call = enter();
     pal_status status = PALPATE_ERROR_FORMAT;
     int64_t found[PALPATE_H5_RANK_MAX] = {0};
@@ -675,12 +697,13 @@ pal_status pal_h5_read_rows(pal_h5 *file, const char *path, pal_h5_type type, in
         empty |= dims[i] == 0;
         if (found[i] != dims[i]) {
             status = pal_fail(error, PALPATE_ERROR_FORMAT,
-                              "%s has %lld entries in dimension %d, must have %lld", path, (long long)found[i],
-                              i, (long long)dims[i]);
+                              "%s has %lld entries in dimension %d, must have %lld", path,
+                              (long long)found[i], i, (long long)dims[i]);
         }
     }
     if (status == PALPATE_OK && !empty &&
-        (data == NULL || !transfer_rows(dataset, type_id(file, type), first, count, ld, NULL, data))) {
+        (data == NULL ||
+         !transfer_rows(dataset, type_id(file, type), first, count, ld, NULL, data))) {
         status = fail_h5(error, PALPATE_ERROR_FORMAT, "cannot read", path);
     }
     (void)H5Dclose(dataset);
@@ -689,18 +712,19 @@ out:
     return status;
 }
 
-pal_status pal_h5_read(pal_h5 *file, const char *path, pal_h5_type type, int rank, const int64_t dims[],
-                       void *data, pal_error *error) {
-    return pal_h5_read_rows(file, path, type, rank, dims, 0, rank == 0 ? 1 : dims[0], 0, data, error);
+pal_status pal_h5_read(pal_h5 *file, const char *path, pal_h5_type type, int rank,
+                       const int64_t dims[], void *data, pal_error *error) {
+    return pal_h5_read_rows(file, path, type, rank, dims, 0, rank == 0 ? 1 : dims[0], 0, data,
+                            error);
 }
 
 /// Bytes of a fixed-length scalar text, terminator included; 0 when it is something else.
 static size_t text_bytes(const pal_h5 *file, hid_t dataset) {
     hid_t type = H5Dget_type(dataset), space = H5Dget_space(dataset);
     size_t size = 0;
-    if (type >= 0 && space >= 0 && H5Tget_class(type) == H5T_STRING && H5Tis_variable_str(type) == 0 &&
-        H5Tget_strpad(type) == H5T_STR_NULLTERM && H5Tget_cset(type) == H5T_CSET_UTF8 &&
-        H5Sget_simple_extent_type(space) == H5S_SCALAR) {
+    if (type >= 0 && space >= 0 && H5Tget_class(type) == H5T_STRING &&
+        H5Tis_variable_str(type) == 0 && H5Tget_strpad(type) == H5T_STR_NULLTERM &&
+        H5Tget_cset(type) == H5T_CSET_UTF8 && H5Sget_simple_extent_type(space) == H5S_SCALAR) {
         size = H5Tget_size(type);
         if (size > file->size || H5Dget_storage_size(dataset) != size) {
             size = 0;
@@ -722,14 +746,16 @@ pal_status pal_h5_text_size(pal_h5 *file, const char *path, size_t *size, pal_er
     *size = 0;
     if (dataset >= 0) {
         *size = text_bytes(file, dataset);
-        status = *size > 0 ? PALPATE_OK : pal_fail(error, PALPATE_ERROR_FORMAT, "%s is not a text", path);
+        status = *size > 0 ? PALPATE_OK
+                           : pal_fail(error, PALPATE_ERROR_FORMAT, "%s is not a text", path);
         (void)H5Dclose(dataset);
     }
     leave(call);
     return status;
 }
 
-pal_status pal_h5_read_text(pal_h5 *file, const char *path, char *text, size_t size, pal_error *error) {
+pal_status pal_h5_read_text(pal_h5 *file, const char *path, char *text, size_t size,
+                            pal_error *error) {
     h5_call call = enter();
     pal_status status = PALPATE_ERROR_FORMAT;
     hid_t type = H5I_INVALID_HID, dataset = open_dataset(file, path, error);
@@ -738,7 +764,8 @@ pal_status pal_h5_read_text(pal_h5 *file, const char *path, char *text, size_t s
     }
     size_t bytes = text_bytes(file, dataset);
     if (bytes == 0 || bytes > size) {
-        status = pal_fail(error, PALPATE_ERROR_FORMAT, "%s is not a text of at most %zu bytes", path, size);
+        status = pal_fail(error, PALPATE_ERROR_FORMAT, "%s is not a text of at most %zu bytes",
+                          path, size);
         goto out;
     }
     type = text_type(bytes);

@@ -1,7 +1,7 @@
 /// @file model.c  The model in memory: life, accessors, storage precision of the rows.
 ///
-/// Layout: haptic/model.h. A model is filled by one thread and immutable afterwards; everything that
-/// takes a const pal_model is safe from any thread.
+/// Layout: haptic/model.h. A model is filled by one thread and immutable afterwards; everything
+/// that takes a const pal_model is safe from any thread.
 #include "haptic/model.h"
 
 #include <math.h>
@@ -174,15 +174,16 @@ float pal_half_to_float(uint16_t half) {
 }
 
 #if defined(__x86_64__)
-/// clang 14's __builtin_cpu_supports does not know "f16c"; "avx" covers the operating system's part.
+/// clang 14's __builtin_cpu_supports does not know "f16c"; "avx" covers the operating system's
+/// part.
 static int have_f16c(void) {
     unsigned a, b, c, d;
     return __builtin_cpu_supports("avx") && __get_cpuid(1, &a, &b, &c, &d) && (c & bit_F16C) != 0;
 }
 
 /// Eight halves at a time by the processor's own conversion, which is exact, so both ways agree.
-__attribute__((target("avx,f16c"))) static int64_t load_halves_f16c(const uint16_t *in, int64_t count,
-                                                                    double *out) {
+__attribute__((target("avx,f16c"))) static int64_t load_halves_f16c(const uint16_t *in,
+                                                                    int64_t count, double *out) {
     int64_t i = 0;
     for (; i + 8 <= count; i += 8) {
         __m256 single = _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)(const void *)(in + i)));
@@ -207,7 +208,8 @@ size_t pal_precision_size(pal_precision precision) {
     return 0;
 }
 
-pal_status pal_precision_store(pal_precision precision, const double *in, int64_t count, void *out) {
+pal_status pal_precision_store(pal_precision precision, const double *in, int64_t count,
+                               void *out) {
     int overflow = 0;
     if (precision == PALPATE_PRECISION_DOUBLE) {
         memcpy(out, in, (size_t)count * sizeof *in);
@@ -269,8 +271,8 @@ pal_status pal_model_alloc_rows(pal_model *model, pal_error *error) {
     if (info->row_count == 0 || info->column_count == 0) {
         return PALPATE_OK;
     }
-    size_t column = ((size_t)info->row_count * 3 * element + ROW_ALIGNMENT - 1) / ROW_ALIGNMENT *
-                    ROW_ALIGNMENT;
+    size_t column =
+        ((size_t)info->row_count * 3 * element + ROW_ALIGNMENT - 1) / ROW_ALIGNMENT * ROW_ALIGNMENT;
     size_t bytes = 0;
     if (__builtin_mul_overflow(column, (size_t)info->column_count * 3, &bytes)) {
         bytes = SIZE_MAX;
@@ -279,10 +281,11 @@ pal_status pal_model_alloc_rows(pal_model *model, pal_error *error) {
     size_t alignment = bytes >= 2 * HUGE_PAGE ? HUGE_PAGE : ROW_ALIGNMENT;
     void *rows = bytes <= PTRDIFF_MAX ? aligned_alloc(alignment, bytes) : NULL;
     if (rows == NULL) {
-        return pal_fail(error, PALPATE_ERROR_MEMORY,
-                        "model: no memory for %d rows x %d columns of compliance (%.3g MB); store fewer "
-                        "rows (store.displacement) or in a lower precision (store.precision)",
-                        (int)info->row_count, (int)info->column_count, (double)bytes / 1e6);
+        return pal_fail(
+            error, PALPATE_ERROR_MEMORY,
+            "model: no memory for %d rows x %d columns of compliance (%.3g MB); store fewer "
+            "rows (store.displacement) or in a lower precision (store.precision)",
+            (int)info->row_count, (int)info->column_count, (double)bytes / 1e6);
     }
     if (alignment == HUGE_PAGE) {
         (void)madvise(rows, bytes, MADV_HUGEPAGE); // a wish: works without

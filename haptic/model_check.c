@@ -1,7 +1,7 @@
 /// @file model_check.c  Is a model whole? Every count, index, name and number, before it is used.
 ///
-/// Run on what the offline stage built and on what a file held, so that the engine may index without
-/// looking. Reads every array once; allocates nothing.
+/// Run on what the offline stage built and on what a file held, so that the engine may index
+/// without looking. Reads every array once; allocates nothing.
 #include <inttypes.h>
 #include <math.h>
 #include <string.h>
@@ -32,8 +32,8 @@ static pal_status check_finite(const char *name, const double *x, int64_t count,
 }
 
 /// Indices in [0, limit); strictly ascending when `ascending`.
-static pal_status check_indices(const char *name, const int32_t *index, int64_t count, int32_t limit,
-                                int ascending, pal_error *error) {
+static pal_status check_indices(const char *name, const int32_t *index, int64_t count,
+                                int32_t limit, int ascending, pal_error *error) {
     if (count > 0 && index == NULL) {
         return BAD("%s is missing", name);
     }
@@ -82,23 +82,45 @@ static pal_status check_info(const pal_model_info *info, pal_error *error) {
     TRY(check_count("skin_count", info->skin_count, 0, PALPATE_COUNT_MAX, error));
     TRY(check_count("precision", (int64_t)info->precision, PALPATE_PRECISION_DOUBLE,
                     PALPATE_PRECISION_HALF, error));
-#define NAMED(member) {#member, info->member}
+#define NAMED(member)                                                                              \
+    { #member, info->member }
     const struct {
         const char *name;
         double value;
-    } numbers[] = {
-        NAMED(spacing_min), NAMED(spacing_mean), NAMED(spacing_max), NAMED(young), NAMED(poisson),
-        NAMED(density), NAMED(volume), NAMED(bounds_min[0]), NAMED(bounds_min[1]), NAMED(bounds_min[2]),
-        NAMED(bounds_max[0]), NAMED(bounds_max[1]), NAMED(bounds_max[2]), NAMED(seconds.cloud),
-        NAMED(seconds.assemble), NAMED(seconds.factor), NAMED(seconds.solve), NAMED(seconds.certify),
-        NAMED(seconds.total), NAMED(certificate.reciprocity), NAMED(certificate.force_change),
-        NAMED(certificate.min_eigenvalue), NAMED(certificate.max_eigenvalue),
-        NAMED(certificate.min_eigenvalue_ratio), NAMED(certificate.solve_residual),
-        NAMED(certificate.rcond), NAMED(certificate.force_balance),
-        NAMED(certificate.mls_worst_condition), NAMED(certificate.mls_worst_point[0]),
-        NAMED(certificate.mls_worst_point[1]), NAMED(certificate.mls_worst_point[2]),
-        NAMED(certificate.estimated_error), NAMED(certificate.loop_energy_raw),
-        NAMED(certificate.loop_energy)};
+    } numbers[] = {NAMED(spacing_min),
+                   NAMED(spacing_mean),
+                   NAMED(spacing_max),
+                   NAMED(young),
+                   NAMED(poisson),
+                   NAMED(density),
+                   NAMED(volume),
+                   NAMED(bounds_min[0]),
+                   NAMED(bounds_min[1]),
+                   NAMED(bounds_min[2]),
+                   NAMED(bounds_max[0]),
+                   NAMED(bounds_max[1]),
+                   NAMED(bounds_max[2]),
+                   NAMED(seconds.cloud),
+                   NAMED(seconds.assemble),
+                   NAMED(seconds.factor),
+                   NAMED(seconds.solve),
+                   NAMED(seconds.certify),
+                   NAMED(seconds.total),
+                   NAMED(certificate.reciprocity),
+                   NAMED(certificate.force_change),
+                   NAMED(certificate.min_eigenvalue),
+                   NAMED(certificate.max_eigenvalue),
+                   NAMED(certificate.min_eigenvalue_ratio),
+                   NAMED(certificate.solve_residual),
+                   NAMED(certificate.rcond),
+                   NAMED(certificate.force_balance),
+                   NAMED(certificate.mls_worst_condition),
+                   NAMED(certificate.mls_worst_point[0]),
+                   NAMED(certificate.mls_worst_point[1]),
+                   NAMED(certificate.mls_worst_point[2]),
+                   NAMED(certificate.estimated_error),
+                   NAMED(certificate.loop_energy_raw),
+                   NAMED(certificate.loop_energy)};
 #undef NAMED
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
         if (!isfinite(numbers[i].value)) {
@@ -160,7 +182,8 @@ static pal_status check_runtime(const pal_runtime_config *runtime, pal_error *er
         TRY(check_finite("tool", numbers, (int64_t)(sizeof numbers / sizeof *numbers), error));
         for (int k = 0; k < 8; k++) { // sizes, coupling and limits
             if (numbers[k] < 0) {
-                return BAD("tool %d (%s): value %d is negative, %g", (int)i, tool->name, k, numbers[k]);
+                return BAD("tool %d (%s): value %d is negative, %g", (int)i, tool->name, k,
+                           numbers[k]);
             }
         }
     }
@@ -197,7 +220,8 @@ static pal_status check_nodes(const pal_model *model, pal_error *error) {
         touchable += (flags & PALPATE_NODE_TOUCHABLE) != 0;
     }
     if (fixed != info->fixed_count || touchable != info->touchable_count) {
-        return BAD("%" PRId64 " fixed and %" PRId64 " touchable nodes are flagged, counts say %d and %d",
+        return BAD("%" PRId64 " fixed and %" PRId64
+                   " touchable nodes are flagged, counts say %d and %d",
                    fixed, touchable, (int)info->fixed_count, (int)info->touchable_count);
     }
     return PALPATE_OK;
@@ -227,7 +251,8 @@ static pal_status check_columns_and_rows(const pal_model *model, pal_error *erro
         for (int64_t j = 0; j < n; j++) {
             for (int64_t i = 0; i < j; i++) {
                 if (model->c_tt[i + j * n] != model->c_tt[j + i * n]) {
-                    return BAD("c_tt is marked symmetric, but (%" PRId64 ", %" PRId64 ") is not", i, j);
+                    return BAD("c_tt is marked symmetric, but (%" PRId64 ", %" PRId64 ") is not", i,
+                               j);
                 }
             }
         }
@@ -241,7 +266,8 @@ static pal_status check_columns_and_rows(const pal_model *model, pal_error *erro
     size_t element = pal_precision_size(info->precision);
     if (model->c_st == NULL || (uintptr_t)model->c_st % 64 != 0 || model->row_ld < rows ||
         ((size_t)model->row_ld * element) % 64 != 0 || model->row_ld - rows >= 64) {
-        return BAD("c_st is missing or not aligned to 64 bytes (row_ld %" PRId64 ")", model->row_ld);
+        return BAD("c_st is missing or not aligned to 64 bytes (row_ld %" PRId64 ")",
+                   model->row_ld);
     }
     int exponent;
     if (!(model->row_scale > 0) || !isfinite(model->row_scale) ||
@@ -274,7 +300,8 @@ static pal_status check_names(const pal_model *model, pal_error *error) {
         const pal_patch *patch = &model->patch[i];
         TRY(check_text("patch name", patch->name, sizeof patch->name, 0, error));
         TRY(check_count("patch nodes", patch->count, 1, info->column_count, error));
-        TRY(check_indices("patch column", patch->column, patch->count, info->column_count, 1, error));
+        TRY(check_indices("patch column", patch->column, patch->count, info->column_count, 1,
+                          error));
     }
     for (int32_t i = 0; i < info->probe_count; i++) {
         TRY(check_text("probe name", model->probe[i].name, sizeof model->probe[i].name, 0, error));
@@ -285,10 +312,11 @@ static pal_status check_names(const pal_model *model, pal_error *error) {
 
 static pal_status check_skin(const pal_model *model, pal_error *error) {
     int64_t count = model->info.skin_count;
-    TRY(check_count("skin_triangle_count", model->skin_triangle_count, 0, PALPATE_COUNT_MAX, error));
+    TRY(check_count("skin_triangle_count", model->skin_triangle_count, 0, PALPATE_COUNT_MAX,
+                    error));
     TRY(check_finite("skin_position", model->skin_position, 3 * count, error));
-    TRY(check_indices("skin_triangle", model->skin_triangle, 3 * (int64_t)model->skin_triangle_count,
-                      model->info.skin_count, 0, error));
+    TRY(check_indices("skin_triangle", model->skin_triangle,
+                      3 * (int64_t)model->skin_triangle_count, model->info.skin_count, 0, error));
     if (count > 0 && (model->skin_row == NULL || model->skin_weight == NULL)) {
         return BAD("the skin's weights are missing");
     }

@@ -1,10 +1,10 @@
 /// @file model_file.c  The one model file format: reader and writer from one description.
 ///
-/// A sealed HDF5 file (file_header.h): the checksum gate comes first, then every dataset is read with
-/// the type and dimensions the counts ask for, then pal_model_check looks at every index and number.
-/// Reader and writer walk the same tables and the same functions (`transfer` knows the direction), so
-/// they cannot drift apart. Numbers keep their bits: doubles as doubles, the stored rows in their own
-/// precision. Content:
+/// A sealed HDF5 file (file_header.h): the checksum gate comes first, then every dataset is read
+/// with the type and dimensions the counts ask for, then pal_model_check looks at every index and
+/// number. Reader and writer walk the same tables and the same functions (`transfer` knows the
+/// direction), so they cannot drift apart. Numbers keep their bits: doubles as doubles, the stored
+/// rows in their own precision. Content:
 ///
 ///     /info /certificate /seconds      scalars of pal_model_info
 ///     /nodes /compliance /patches/N /probes/N /skin
@@ -39,8 +39,8 @@ typedef struct field {
 #define U64 PALPATE_H5_U64
 #define F64 PALPATE_H5_F64
 
-_Static_assert(sizeof(pal_precision) == 4 && sizeof(pal_shape_kind) == 4 && sizeof(pal_device_kind) == 4 &&
-                   sizeof(pal_stroke_kind) == 4 && sizeof(int) == 4,
+_Static_assert(sizeof(pal_precision) == 4 && sizeof(pal_shape_kind) == 4 &&
+                   sizeof(pal_device_kind) == 4 && sizeof(pal_stroke_kind) == 4 && sizeof(int) == 4,
                "enumerations and int are stored as 32-bit integers");
 
 #define MEMBER_SIZE(type, member) ((int)sizeof(((type *)0)->member))
@@ -56,7 +56,8 @@ static const field model_fields[] = {
     {"/info/patch_count", AT(info.patch_count), I32, 1, "1", "named patches"},
     {"/info/probe_count", AT(info.probe_count), I32, 1, "1", "probes"},
     {"/info/skin_count", AT(info.skin_count), I32, 1, "1", "vertices of the render mesh"},
-    {"/info/precision", AT(info.precision), I32, 1, "1", "of the stored rows: 0 double, 1 single, 2 half"},
+    {"/info/precision", AT(info.precision), I32, 1, "1",
+     "of the stored rows: 0 double, 1 single, 2 half"},
     {"/info/bytes", AT(info.bytes), U64, 1, "byte", "compliance blocks in memory"},
     {"/info/peak_bytes", AT(info.peak_bytes), U64, 1, "byte", "peak memory of the offline stage"},
     {"/info/spacing_min", AT(info.spacing_min), F64, 1, "m", "smallest node spacing"},
@@ -68,9 +69,10 @@ static const field model_fields[] = {
     {"/info/volume", AT(info.volume), F64, 1, "m^3", "volume of the body"},
     {"/info/bounds_min", AT(info.bounds_min), F64, 3, "m", "lower corner of the rest shape"},
     {"/info/bounds_max", AT(info.bounds_max), F64, 3, "m", "upper corner of the rest shape"},
-    {"/info/method", AT(info.method), TEXT, MEMBER_SIZE(pal_model_info, method), NULL, "discretization"},
-    {"/info/method_options", AT(info.method_options), TEXT, MEMBER_SIZE(pal_model_info, method_options), NULL,
-     "its options in effect"},
+    {"/info/method", AT(info.method), TEXT, MEMBER_SIZE(pal_model_info, method), NULL,
+     "discretization"},
+    {"/info/method_options", AT(info.method_options), TEXT,
+     MEMBER_SIZE(pal_model_info, method_options), NULL, "its options in effect"},
     {"/info/hash", AT(info.hash), TEXT, MEMBER_SIZE(pal_model_info, hash), NULL,
      "content hash of the scene's physics (BLAKE2b-256, hex)"},
     {"/info/provenance", AT(info.provenance), TEXT, MEMBER_SIZE(pal_model_info, provenance), NULL,
@@ -106,21 +108,24 @@ static const field model_fields[] = {
     {"/certificate/mls_worst_condition", AT(info.certificate.mls_worst_condition), F64, 1, "1",
      "worst scaled stencil condition"},
     {"/certificate/mls_worst_point", AT(info.certificate.mls_worst_point), F64, 3, "m", "where"},
-    {"/certificate/mls_grown", AT(info.certificate.mls_grown), I32, 1, "1", "stencils that had to grow"},
+    {"/certificate/mls_grown", AT(info.certificate.mls_grown), I32, 1, "1",
+     "stencils that had to grow"},
     {"/certificate/estimated_error", AT(info.certificate.estimated_error), F64, 1, "1",
      "estimated relative error of the force; negative: not estimated"},
     {"/certificate/loop_energy_raw", AT(info.certificate.loop_energy_raw), F64, 1, "1",
      "worst energy returned per closed tool loop / stored energy, raw block"},
-    {"/certificate/loop_energy", AT(info.certificate.loop_energy), F64, 1, "1", "the same, stored block"},
-    {"/certificate/reason", AT(info.certificate.reason), TEXT, MEMBER_SIZE(pal_certificate, reason), NULL,
-     "why it fails and the remedy; empty when it passes"},
+    {"/certificate/loop_energy", AT(info.certificate.loop_energy), F64, 1, "1",
+     "the same, stored block"},
+    {"/certificate/reason", AT(info.certificate.reason), TEXT, MEMBER_SIZE(pal_certificate, reason),
+     NULL, "why it fails and the remedy; empty when it passes"},
 
     {"/compliance/row_scale", AT(row_scale), F64, 1, "1", "c_st times this is in m/N"},
 
     {"/runtime/tool_count", AT(runtime.tool_count), I32, 1, "1", "tools"},
     {"/runtime/servo_rate", AT(runtime.servo_rate), F64, 1, "Hz", "servo rate"},
     {"/runtime/render_rate", AT(runtime.render_rate), F64, 1, "Hz", "render rate"},
-    {"/runtime/max_contacts", AT(runtime.max_contacts), I32, 1, "1", "contact points an engine keeps"},
+    {"/runtime/max_contacts", AT(runtime.max_contacts), I32, 1, "1",
+     "contact points an engine keeps"},
 };
 
 #undef AT
@@ -153,7 +158,8 @@ static const field tool_fields[] = {
     {"tremor_frequency", AT(device.stroke.tremor_frequency), F64, 1, "Hz", "stroke: tremor"},
 };
 
-// ---- One walk for both directions -----------------------------------------------------------------
+// ---- One walk for both directions
+// -----------------------------------------------------------------
 
 typedef struct transfer {
     pal_h5 *file;
@@ -170,8 +176,8 @@ typedef struct transfer {
         }                                                                                          \
     } while (0)
 
-static pal_status transfer_fields(const transfer *t, const char *prefix, const field *fields, size_t count,
-                                  void *base) {
+static pal_status transfer_fields(const transfer *t, const char *prefix, const field *fields,
+                                  size_t count, void *base) {
     for (size_t i = 0; i < count; i++) {
         const field *f = &fields[i];
         char path[PALPATE_H5_PATH_MAX];
@@ -185,21 +191,22 @@ static pal_status transfer_fields(const transfer *t, const char *prefix, const f
         } else if (t->reading) {
             TRY(pal_h5_read(t->file, path, (pal_h5_type)f->type, rank, dims, at, t->error));
         } else {
-            TRY(pal_h5_write(t->file, path, (pal_h5_type)f->type, rank, dims, at, f->unit, f->description,
-                             t->error));
+            TRY(pal_h5_write(t->file, path, (pal_h5_type)f->type, rank, dims, at, f->unit,
+                             f->description, t->error));
         }
     }
     return PALPATE_OK;
 }
 
 /// Room for rows x columns elements, when the file can hold that many.
-static pal_status allocate(const transfer *t, const char *path, int64_t rows, int64_t columns, size_t element,
-                           void **out) {
+static pal_status allocate(const transfer *t, const char *path, int64_t rows, int64_t columns,
+                           size_t element, void **out) {
     size_t bytes;
     if (rows < 0 || columns < 0 || __builtin_mul_overflow((size_t)rows, (size_t)columns, &bytes) ||
         __builtin_mul_overflow(bytes, element, &bytes) || bytes > t->limit) {
-        return pal_fail(t->error, PALPATE_ERROR_FORMAT, "%s: %lld x %lld entries do not fit the file", path,
-                        (long long)rows, (long long)columns);
+        return pal_fail(t->error, PALPATE_ERROR_FORMAT,
+                        "%s: %lld x %lld entries do not fit the file", path, (long long)rows,
+                        (long long)columns);
     }
     *out = malloc(bytes + 1); // never NULL for nothing
     if (*out == NULL) {
@@ -209,8 +216,9 @@ static pal_status allocate(const transfer *t, const char *path, int64_t rows, in
 }
 
 /// A packed array (rows x columns); columns 0 makes it a vector. Reading allocates *data.
-static pal_status transfer_array(const transfer *t, const char *path, pal_h5_type type, int64_t rows,
-                                 int64_t columns, void **data, const char *unit, const char *description) {
+static pal_status transfer_array(const transfer *t, const char *path, pal_h5_type type,
+                                 int64_t rows, int64_t columns, void **data, const char *unit,
+                                 const char *description) {
     int64_t dims[2] = {rows, columns};
     int rank = columns > 0 ? 2 : 1;
     if (!t->reading) {
@@ -225,7 +233,8 @@ static pal_status transfer_array(const transfer *t, const char *path, pal_h5_typ
     do {                                                                                           \
         void *array_;                                                                              \
         memcpy(&array_, &(pointer), sizeof array_);                                                \
-        pal_status array_status = transfer_array(t, path, type, rows, columns, &array_, unit, description); \
+        pal_status array_status =                                                                  \
+            transfer_array(t, path, type, rows, columns, &array_, unit, description);              \
         if (t->reading) {                                                                          \
             memcpy(&(pointer), &array_, sizeof array_);                                            \
         }                                                                                          \
@@ -237,15 +246,17 @@ static pal_status transfer_array(const transfer *t, const char *path, pal_h5_typ
 /// Counts size everything that follows; read ones are checked before they are used.
 static pal_status check_counts(const transfer *t, const pal_model *model) {
     const pal_model_info *i = &model->info;
-    int32_t counts[] = {i->node_count, i->surface_count, i->triangle_count, i->column_count, i->row_count,
-                        i->patch_count, i->probe_count,  i->skin_count};
+    int32_t counts[] = {i->node_count, i->surface_count, i->triangle_count, i->column_count,
+                        i->row_count,  i->patch_count,   i->probe_count,    i->skin_count};
     for (size_t k = 0; k < sizeof counts / sizeof *counts; k++) {
         if (counts[k] < 0 || counts[k] > PALPATE_COUNT_MAX) {
-            return pal_fail(t->error, PALPATE_ERROR_FORMAT, "/info: count %d is out of range", (int)counts[k]);
+            return pal_fail(t->error, PALPATE_ERROR_FORMAT, "/info: count %d is out of range",
+                            (int)counts[k]);
         }
     }
     if (model->runtime.tool_count < 0 || model->runtime.tool_count > PALPATE_TOOLS_MAX) {
-        return pal_fail(t->error, PALPATE_ERROR_FORMAT, "/runtime/tool_count is %d, must be 0 to %d",
+        return pal_fail(t->error, PALPATE_ERROR_FORMAT,
+                        "/runtime/tool_count is %d, must be 0 to %d",
                         (int)model->runtime.tool_count, PALPATE_TOOLS_MAX);
     }
     if (pal_precision_size(i->precision) == 0) {
@@ -286,17 +297,20 @@ static pal_status transfer_rows(const transfer *t, pal_model *model) {
         size_t bytes;
         if (__builtin_mul_overflow((size_t)dims[0], (size_t)dims[1], &bytes) ||
             __builtin_mul_overflow(bytes, pal_h5_type_size(type), &bytes) || bytes > t->limit) {
-            return pal_fail(t->error, PALPATE_ERROR_FORMAT, "%s: %lld x %lld entries do not fit the file", path,
-                            (long long)dims[0], (long long)dims[1]);
+            return pal_fail(t->error, PALPATE_ERROR_FORMAT,
+                            "%s: %lld x %lld entries do not fit the file", path, (long long)dims[0],
+                            (long long)dims[1]);
         }
         TRY(pal_model_alloc_rows(model, t->error));
         model->row_scale = scale;
-        return pal_h5_read_rows(t->file, path, type, 2, dims, 0, dims[0], model->row_ld, model->c_st, t->error);
+        return pal_h5_read_rows(t->file, path, type, 2, dims, 0, dims[0], model->row_ld,
+                                model->c_st, t->error);
     }
-    TRY(pal_h5_declare(t->file, path, type, 2, dims, "m/N / row_scale",
-                       "compliance C_ST: entry (j, i) is the displacement of row dof i under a unit force in "
-                       "column dof j; dof 3k + c: node k of row_node or column_node, direction c",
-                       t->error));
+    TRY(pal_h5_declare(
+        t->file, path, type, 2, dims, "m/N / row_scale",
+        "compliance C_ST: entry (j, i) is the displacement of row dof i under a unit force in "
+        "column dof j; dof 3k + c: node k of row_node or column_node, direction c",
+        t->error));
     if (dims[0] == 0 || dims[1] == 0) {
         return PALPATE_OK;
     }
@@ -312,12 +326,15 @@ static pal_status transfer_compliance(const transfer *t, pal_model *model) {
           "node of each stored row triple, ascending");
     if (n > 0) {
         ARRAY("/compliance/c_tt", PALPATE_H5_F64, n, n, model->c_tt, "m/N",
-              "compliance of the column nodes: entry (j, i) is the displacement of dof i under a unit force "
+              "compliance of the column nodes: entry (j, i) is the displacement of dof i under a "
+              "unit force "
               "in dof j; dof 3k + c: column node k, direction c");
     }
     if (n > 0 && i->probe_count > 0) {
-        ARRAY("/compliance/probe_row", PALPATE_H5_F64, n, 3 * (int64_t)i->probe_count, model->probe_row, "m/N",
-              "entry (j, 3k + c): displacement of probe k in direction c under a unit force in dof j");
+        ARRAY("/compliance/probe_row", PALPATE_H5_F64, n, 3 * (int64_t)i->probe_count,
+              model->probe_row, "m/N",
+              "entry (j, 3k + c): displacement of probe k in direction c under a unit force in dof "
+              "j");
     }
     return transfer_rows(t, model);
 }
@@ -334,26 +351,30 @@ static pal_status transfer_patches(const transfer *t, pal_model *model) {
         char path[PALPATE_H5_PATH_MAX];
         pal_patch *patch = &model->patch[k];
         (void)snprintf(path, sizeof path, "/patches/%d/name", (int)k);
-        TRY(t->reading ? pal_h5_read_text(t->file, path, patch->name, sizeof patch->name, t->error)
-                       : pal_h5_write_text(t->file, path, patch->name, "name in the scene", t->error));
+        TRY(t->reading
+                ? pal_h5_read_text(t->file, path, patch->name, sizeof patch->name, t->error)
+                : pal_h5_write_text(t->file, path, patch->name, "name in the scene", t->error));
         (void)snprintf(path, sizeof path, "/patches/%d/column", (int)k);
         int64_t nodes = patch->count;
         if (t->reading) {
             TRY(pal_h5_dims(t->file, path, PALPATE_H5_I32, 1, &nodes, t->error));
             if (nodes > model->info.column_count) {
-                return pal_fail(t->error, PALPATE_ERROR_FORMAT, "%s: %lld nodes, the model has %d columns", path,
-                                (long long)nodes, (int)model->info.column_count);
+                return pal_fail(t->error, PALPATE_ERROR_FORMAT,
+                                "%s: %lld nodes, the model has %d columns", path, (long long)nodes,
+                                (int)model->info.column_count);
             }
             patch->count = (int32_t)nodes;
         }
-        ARRAY(path, PALPATE_H5_I32, nodes, 0, patch->column, "1", "the patch's nodes: indices into column_node");
+        ARRAY(path, PALPATE_H5_I32, nodes, 0, patch->column, "1",
+              "the patch's nodes: indices into column_node");
     }
     return PALPATE_OK;
 }
 
 static pal_status transfer_probes(const transfer *t, pal_model *model) {
     static const field fields[] = {
-        {"name", offsetof(pal_probe, name), TEXT, MEMBER_SIZE(pal_probe, name), NULL, "name in the scene"},
+        {"name", offsetof(pal_probe, name), TEXT, MEMBER_SIZE(pal_probe, name), NULL,
+         "name in the scene"},
         {"position", offsetof(pal_probe, position), PALPATE_H5_F64, 3, "m", "rest position"}};
     int32_t count = model->info.probe_count;
     if (t->reading) {
@@ -371,20 +392,22 @@ static pal_status transfer_probes(const transfer *t, pal_model *model) {
 }
 
 static pal_status transfer_skin(const transfer *t, pal_model *model) {
-    static const field fields[] = {{"/skin/triangle_count", offsetof(struct pal_model, skin_triangle_count),
-                                    PALPATE_H5_I32, 1, "1", "triangles of the render mesh"}};
+    static const field fields[] = {{"/skin/triangle_count",
+                                    offsetof(struct pal_model, skin_triangle_count), PALPATE_H5_I32,
+                                    1, "1", "triangles of the render mesh"}};
     int32_t count = model->info.skin_count;
     if (count == 0) {
         return PALPATE_OK;
     }
     TRY(transfer_fields(t, "", fields, 1, model));
-    ARRAY("/skin/position", PALPATE_H5_F64, count, 3, model->skin_position, "m", "rest positions of the vertices");
+    ARRAY("/skin/position", PALPATE_H5_F64, count, 3, model->skin_position, "m",
+          "rest positions of the vertices");
     ARRAY("/skin/row", PALPATE_H5_I32, count, PALPATE_SKIN_WEIGHTS, model->skin_row, "1",
           "indices into row_node; -1: unused");
     ARRAY("/skin/weight", PALPATE_H5_F32, count, PALPATE_SKIN_WEIGHTS, model->skin_weight, "1",
           "u(vertex) = sum of weight times u(row)");
-    ARRAY("/skin/triangle", PALPATE_H5_I32, model->skin_triangle_count, 3, model->skin_triangle, "1",
-          "triangles, outward counter-clockwise, indices of vertices");
+    ARRAY("/skin/triangle", PALPATE_H5_I32, model->skin_triangle_count, 3, model->skin_triangle,
+          "1", "triangles, outward counter-clockwise, indices of vertices");
     return PALPATE_OK;
 }
 
@@ -393,7 +416,8 @@ static pal_status transfer_scene(const transfer *t, pal_model *model) {
     if (!t->reading) {
         return model->scene_text == NULL
                    ? PALPATE_OK
-                   : pal_h5_write_text(t->file, path, model->scene_text, "canonical scene with defaults", t->error);
+                   : pal_h5_write_text(t->file, path, model->scene_text,
+                                       "canonical scene with defaults", t->error);
     }
     size_t size;
     if (!pal_h5_has(t->file, path)) {
@@ -428,9 +452,11 @@ static pal_status transfer_model(const transfer *t, pal_model *model) {
 static size_t expected_size(const pal_model *model) {
     const pal_model_info *i = &model->info;
     size_t n = 3 * (size_t)i->column_count;
-    return ((size_t)1 << 17) + n * n * 8 + n * 3 * (size_t)i->row_count * pal_precision_size(i->precision) +
-           (size_t)i->node_count * 80 + (size_t)i->triangle_count * 12 + (size_t)i->skin_count * 100 +
-           (size_t)model->skin_triangle_count * 12 + n * 24 * (size_t)i->probe_count;
+    return ((size_t)1 << 17) + n * n * 8 +
+           n * 3 * (size_t)i->row_count * pal_precision_size(i->precision) +
+           (size_t)i->node_count * 80 + (size_t)i->triangle_count * 12 +
+           (size_t)i->skin_count * 100 + (size_t)model->skin_triangle_count * 12 +
+           n * 24 * (size_t)i->probe_count;
 }
 
 pal_status pal_model_image(const pal_model *model, void **image, size_t *size, pal_error *error) {
@@ -442,11 +468,12 @@ pal_status pal_model_image(const pal_model *model, void **image, size_t *size, p
     transfer t = {.file = file, .error = error};
     // the walk writes to the model only when reading
     pal_model *walked;
-    memcpy(&walked, &model, sizeof walked);
-    pal_status status = pal_h5_describe(file, "/",
-                                        "Palpate model: precomputed compliance of a deformable body. SI units. "
-                                        "Documentation: README of Palpate; layout: haptic/model.h",
-                                        error);
+    memcpy(&walked, &model, sizeof(void *));
+    pal_status status =
+        pal_h5_describe(file, "/",
+                        "Palpate model: precomputed compliance of a deformable body. SI units. "
+                        "Documentation: README of Palpate; layout: haptic/model.h",
+                        error);
     if (status == PALPATE_OK) {
         status = transfer_model(&t, walked);
     }
@@ -458,7 +485,8 @@ pal_status pal_model_image(const pal_model *model, void **image, size_t *size, p
     return pal_file_seal(PALPATE_FILE_MODEL, PALPATE_MODEL_VERSION, *image, *size);
 }
 
-pal_status pal_model_save_mode(const pal_model *model, const char *path, unsigned mode, pal_error *error) {
+pal_status pal_model_save_mode(const pal_model *model, const char *path, unsigned mode,
+                               pal_error *error) {
     if (model == NULL || path == NULL) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT, "save: needs a model and a path");
     }
@@ -508,7 +536,8 @@ pal_status pal_model_parse(const void *image, size_t size, pal_model **out, pal_
 
 pal_status pal_model_load(const char *path, pal_model **out, pal_error *error) {
     if (path == NULL || out == NULL) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "load: needs a path and a place for the model");
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "load: needs a path and a place for the model");
     }
     *out = NULL;
     void *image;
@@ -517,25 +546,30 @@ pal_status pal_model_load(const char *path, pal_model **out, pal_error *error) {
     pal_status status = pal_model_parse(image, size, out, error);
     free(image);
     if (status == PALPATE_ERROR_FORMAT) {
-        return pal_fail_prefix(error, status,
-                               "%s: whole, but not a valid model (write it again with palpate precompute)", path);
+        return pal_fail_prefix(
+            error, status,
+            "%s: whole, but not a valid model (write it again with palpate precompute)", path);
     }
     return status == PALPATE_OK ? status : pal_fail_prefix(error, status, "%s", path);
 }
 
-pal_status pal_model_load_expect(const char *path, const char *hash, pal_model **out, pal_error *error) {
-    if (hash == NULL) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "load: needs the expected content hash");
+pal_status pal_model_load_expect(const char *path, const char *hash, pal_model **out,
+                                 pal_error *error) {
+    if (hash == NULL || out == NULL) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "load: needs the expected content hash and a place for the model");
     }
-    TRY(pal_model_load(path, out, error));
-    if (strcmp((*out)->info.hash, hash) == 0) {
-        return PALPATE_OK;
-    }
-    pal_status status = pal_fail(error, PALPATE_STALE,
-                                 "%s: stale: built from scene %.12s..., the scene given is %.12s...; build it "
-                                 "again with palpate precompute",
-                                 path, (*out)->info.hash, hash);
-    pal_model_free(*out);
     *out = NULL;
+    pal_model *model = NULL;
+    pal_status status = pal_model_load(path, &model, error);
+    if (model == NULL || strcmp(model->info.hash, hash) == 0) {
+        *out = model;
+        return status;
+    }
+    status = pal_fail(error, PALPATE_STALE,
+                      "%s: stale: built from scene %.12s..., the scene given is %.12s...; build it "
+                      "again with palpate precompute",
+                      path, model->info.hash, hash);
+    pal_model_free(model);
     return status;
 }

@@ -2,10 +2,10 @@
 ///
 /// All m nodes of the patch are displaced by the same vector u. Their forces solve C_aa f_a = u_a
 /// (Eq. 52), with C_aa the patch's block of the stored C_TT; whatever else is stored follows as
-/// U_b = C_ba f_a (Eq. 53). Forces are those the tool applies to the body. Symmetric positive blocks
-/// are factored by Cholesky, all others (raw blocks, or symmetric ones that failed their certificate
-/// and were kept by `certify: warn`) by LU.
-/// Thread: any; the model is only read. Source: De, Hong, Bathe 2003, Eqs. 52-53.
+/// U_b = C_ba f_a (Eq. 53). Forces are those the tool applies to the body. Symmetric positive
+/// blocks are factored by Cholesky, all others (raw blocks, or symmetric ones that failed their
+/// certificate and were kept by `certify: warn`) by LU. Thread: any; the model is only read.
+/// Source: De, Hong, Bathe 2003, Eqs. 52-53.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -24,11 +24,13 @@ static const pal_patch *find_patch(const pal_model *model, const char *name, pal
     char names[512] = "none";
     size_t at = 0;
     for (int32_t i = 0; i < model->info.patch_count && at < sizeof names; i++) {
-        int n = snprintf(names + at, sizeof names - at, "%s%s", i > 0 ? ", " : "", model->patch[i].name);
+        int n = snprintf(names + at, sizeof names - at, "%s%s", i > 0 ? ", " : "",
+                         model->patch[i].name);
         at += n > 0 ? (size_t)n : 0;
     }
     (void)pal_fail(error, PALPATE_ERROR_NOT_FOUND,
-                   "patch \"%.64s\": the model has no such patch; its patches are: %s", name, names);
+                   "patch \"%.64s\": the model has no such patch; its patches are: %s", name,
+                   names);
     return NULL;
 }
 
@@ -41,8 +43,8 @@ static pal_status solve_patch(const pal_model *model, const pal_patch *patch, do
     int32_t *pivot = calloc(n, sizeof *pivot);
     pal_status status = PALPATE_OK;
     if (block == NULL || pivot == NULL) {
-        status = pal_fail(error, PALPATE_ERROR_MEMORY, "patch \"%s\": no memory for its %zu x %zu block",
-                          patch->name, n, n);
+        status = pal_fail(error, PALPATE_ERROR_MEMORY,
+                          "patch \"%s\": no memory for its %zu x %zu block", patch->name, n, n);
         goto out;
     }
     for (int attempt = 0; attempt < 2; attempt++) {
@@ -61,10 +63,11 @@ static pal_status solve_patch(const pal_model *model, const pal_patch *patch, do
         }
         int32_t failed = pal_dense_lu(order, block, order, pivot);
         if (failed != 0) {
-            status = pal_fail(error, PALPATE_ERROR_SINGULAR,
-                              "patch \"%s\": its compliance block (%d unknowns) is singular at unknown %d; "
-                              "use a finer spacing or another method",
-                              patch->name, (int)order, (int)failed - 1);
+            status = pal_fail(
+                error, PALPATE_ERROR_SINGULAR,
+                "patch \"%s\": its compliance block (%d unknowns) is singular at unknown %d; "
+                "use a finer spacing or another method",
+                patch->name, (int)order, (int)failed - 1);
             goto out;
         }
         pal_dense_lu_solve(order, block, order, pivot, 1, force, order);
@@ -77,7 +80,8 @@ out:
 }
 
 /// y (count) += scale * c (count), c in the row precision
-static void add_column(const pal_model *model, const char *column, double scale, int64_t count, double *y) {
+static void add_column(const pal_model *model, const char *column, double scale, int64_t count,
+                       double *y) {
     double value[256];
     size_t element = pal_precision_size(model->info.precision);
     for (int64_t at = 0; at < count; at += 256) {
@@ -96,12 +100,13 @@ pal_status pal_model_press(const pal_model *model, const char *patch_name, const
     }
     memset(out, 0, sizeof *out);
     if (model == NULL || patch_name == NULL || by == NULL) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "press: needs a model, a patch and a displacement");
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "press: needs a model, a patch and a displacement");
     }
     if (!isfinite(by[0]) || !isfinite(by[1]) || !isfinite(by[2])) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "press: displacement (%g, %g, %g) m is not finite; give three numbers", by[0], by[1],
-                        by[2]);
+                        "press: displacement (%g, %g, %g) m is not finite; give three numbers",
+                        by[0], by[1], by[2]);
     }
     const pal_patch *patch = find_patch(model, patch_name, error);
     if (patch == NULL) {
@@ -109,15 +114,17 @@ pal_status pal_model_press(const pal_model *model, const char *patch_name, const
     }
 
     const pal_model_info *info = &model->info;
-    size_t m = (size_t)patch->count, rows = (size_t)info->row_count, probes = (size_t)info->probe_count;
+    size_t m = (size_t)patch->count, rows = (size_t)info->row_count,
+           probes = (size_t)info->probe_count;
     pal_press press = {.patch_nodes = patch->count};
     press.node_force = calloc(m, 3 * sizeof(double));
     press.probe = calloc(probes + 1, 3 * sizeof(double));
     press.displacement = rows > 0 ? calloc(rows, 3 * sizeof(double)) : NULL;
-    if (press.node_force == NULL || press.probe == NULL || (rows > 0 && press.displacement == NULL)) {
+    if (press.node_force == NULL || press.probe == NULL ||
+        (rows > 0 && press.displacement == NULL)) {
         pal_press_clear(&press);
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "patch \"%s\": no memory for %zu nodes and %zu rows",
-                        patch->name, m, rows);
+        return pal_fail(error, PALPATE_ERROR_MEMORY,
+                        "patch \"%s\": no memory for %zu nodes and %zu rows", patch->name, m, rows);
     }
     for (size_t i = 0; i < m; i++) {
         memcpy(press.node_force + 3 * i, by, 3 * sizeof *by);

@@ -81,7 +81,8 @@ pal_status pal_model_skin(const pal_model *model, const pal_frame *frame, float 
     if (normal != NULL) {
         int32_t triangles;
         const int32_t *triangle = pal_model_skin_triangles(model, &triangles);
-        skin_normals(pal_model_skin_positions(model), triangle, triangles, count, displacement, normal);
+        skin_normals(pal_model_skin_positions(model), triangle, triangles, count, displacement,
+                     normal);
     }
     return PALPATE_OK;
 }
@@ -96,7 +97,9 @@ const double *pal_model_skin_positions(const pal_model *model) {
 const int32_t *pal_model_skin_triangles(const pal_model *model, int32_t *count) {
     int stored = model != NULL && model->info.skin_count > 0;
     if (count != NULL) {
-        *count = model == NULL ? 0 : stored ? model->skin_triangle_count : model->info.triangle_count;
+        *count = model == NULL ? 0
+                 : stored      ? model->skin_triangle_count
+                               : model->info.triangle_count;
     }
     if (model == NULL) {
         return NULL;

@@ -26,7 +26,8 @@ static const char remedy[] = "set PALPATE_CACHE to a directory of your own";
 
 /// The path by the environment, nothing created yet. @return 0 when it does not fit
 static int choose_directory(char *path, size_t size) {
-    const char *own = getenv("PALPATE_CACHE"), *xdg = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
+    const char *own = getenv("PALPATE_CACHE"), *xdg = getenv("XDG_CACHE_HOME"),
+               *home = getenv("HOME");
     int n;
     if (own != NULL && own[0] != 0) {
         n = snprintf(path, size, "%s", own);
@@ -70,10 +71,11 @@ static int make_directories(char *path) {
 pal_status pal_cache_directory(char *path, size_t size, pal_error *error) {
     struct stat st;
     if (path == NULL || !choose_directory(path, size)) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "cache: no directory: neither PALPATE_CACHE nor XDG_CACHE_HOME nor HOME gives one that "
-                        "fits %zu bytes; %s",
-                        size, remedy);
+        return pal_fail(
+            error, PALPATE_ERROR_ARGUMENT,
+            "cache: no directory: neither PALPATE_CACHE nor XDG_CACHE_HOME nor HOME gives one that "
+            "fits %zu bytes; %s",
+            size, remedy);
     }
     if (lstat(path, &st) != 0) {
         int code = errno == ENOENT ? make_directories(path) : errno;
@@ -81,18 +83,19 @@ pal_status pal_cache_directory(char *path, size_t size, pal_error *error) {
             code = errno;
         }
         if (code != 0) {
-            return pal_fail(error, PALPATE_ERROR_IO, "cache %s: cannot be made: %s; %s", path, strerror(code),
-                            remedy);
+            return pal_fail(error, PALPATE_ERROR_IO, "cache %s: cannot be made: %s; %s", path,
+                            strerror(code), remedy);
         }
     }
-    const char *wrong = S_ISLNK(st.st_mode)              ? "is a symbolic link"
-                        : !S_ISDIR(st.st_mode)           ? "is not a directory"
-                        : st.st_uid != geteuid()         ? "belongs to another user"
+    const char *wrong = S_ISLNK(st.st_mode)                       ? "is a symbolic link"
+                        : !S_ISDIR(st.st_mode)                    ? "is not a directory"
+                        : st.st_uid != geteuid()                  ? "belongs to another user"
                         : (st.st_mode & (S_IWGRP | S_IWOTH)) != 0 ? "may be written by others"
                                                                   : NULL;
     if (wrong != NULL) {
-        return pal_fail(error, PALPATE_ERROR_SYSTEM, "cache %s: %s, so models in it are not to be trusted; %s",
-                        path, wrong, remedy);
+        return pal_fail(error, PALPATE_ERROR_SYSTEM,
+                        "cache %s: %s, so models in it are not to be trusted; %s", path, wrong,
+                        remedy);
     }
     return PALPATE_OK;
 }
@@ -113,8 +116,8 @@ pal_status pal_cache_path(const pal_scene *scene, char *path, size_t size, pal_e
     size_t length = strlen(path);
     int n = snprintf(path + length, size - length, "/%s.palpate", hash);
     if (n < 0 || (size_t)n >= size - length) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "cache: %zu bytes are too few for its path; %s", size,
-                        remedy);
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "cache: %zu bytes are too few for its path; %s", size, remedy);
     }
     return PALPATE_OK;
 }
@@ -127,7 +130,8 @@ pal_status pal_cache_load(const char *path, const char *hash, pal_model **out, p
     }
     if (!S_ISREG(st.st_mode) || st.st_uid != geteuid() || (st.st_mode & (S_IWGRP | S_IWOTH)) != 0) {
         return pal_fail(error, PALPATE_ERROR_IO,
-                        "%s: not a file that only you can write, so it is not trusted; remove it", path);
+                        "%s: not a file that only you can write, so it is not trusted; remove it",
+                        path);
     }
     return pal_model_load_expect(path, hash, out, error);
 }
@@ -146,10 +150,11 @@ static void remove_leftovers(const char *model_path) {
     while ((entry = readdir(entries)) != NULL) {
         size_t length = strlen(entry->d_name);
         struct stat st;
-        if (entry->d_name[0] == '.' && length > 30 && strcmp(entry->d_name + length - 4, ".tmp") == 0 &&
+        if (entry->d_name[0] == '.' && length > 30 &&
+            strcmp(entry->d_name + length - 4, ".tmp") == 0 &&
             strstr(entry->d_name, ".palpate.") != NULL &&
-            fstatat(dirfd(entries), entry->d_name, &st, AT_SYMLINK_NOFOLLOW) == 0 && S_ISREG(st.st_mode) &&
-            now - st.st_mtime > 24 * 3600) {
+            fstatat(dirfd(entries), entry->d_name, &st, AT_SYMLINK_NOFOLLOW) == 0 &&
+            S_ISREG(st.st_mode) && now - st.st_mtime > 24 * 3600) {
             (void)unlinkat(dirfd(entries), entry->d_name, 0);
         }
     }

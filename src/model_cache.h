@@ -8,8 +8,8 @@
 #include <palpate/model.h>
 #include <palpate/status.h>
 
-/// The cache directory, created with mode 0700 (parents too) when it is missing: $PALPATE_CACHE, else
-/// $XDG_CACHE_HOME/palpate (when absolute), else ~/.cache/palpate.
+/// The cache directory, created with mode 0700 (parents too) when it is missing: $PALPATE_CACHE,
+/// else $XDG_CACHE_HOME/palpate (when absolute), else ~/.cache/palpate.
 /// @return PALPATE_OK; _SYSTEM when it is a symbolic link, not a directory, another user's, or
 /// writable by others; _IO when it cannot be made; _ARGUMENT when `size` is too small
 pal_status pal_cache_directory(char *path, size_t size, pal_error *error);
@@ -18,8 +18,8 @@ pal_status pal_cache_directory(char *path, size_t size, pal_error *error);
 /// writable by others. @return as pal_model_load_expect; _IO when there is none or it is not ours
 pal_status pal_cache_load(const char *path, const char *hash, pal_model **out, pal_error *error);
 
-/// Write a model into the cache, mode 0600 (atomic rename: two processes building the same model end
-/// with one good file). Also removes temporaries that killed processes left over a day ago.
+/// Write a model into the cache, mode 0600 (atomic rename: two processes building the same model
+/// end with one good file). Also removes temporaries that killed processes left over a day ago.
 pal_status pal_cache_save(const pal_model *model, const char *path, pal_error *error);
 
 #endif

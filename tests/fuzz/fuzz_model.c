@@ -3,15 +3,18 @@
 /// The input is not a file but a list of changes to a good one (built at start, so seeds are a few
 /// bytes and every input reaches deep). Its first byte chooses:
 ///
-///   0  changes to the bytes of the sealed file: {offset u24, xor u8}..., then an optional cut of the
+///   0  changes to the bytes of the sealed file: {offset u24, xor u8}..., then an optional cut of
+///   the
 ///      length. Oracle: the gate refuses whatever differs from the original.
-///   1  changes to the content by means of HDF5 itself, so that HDF5 always gets a well-formed file and
-///      our own reader gets the nonsense: {dataset u8, action u8, argument u32, value u64}... Oracle:
-///      refused with a message, or a model that passes pal_model_check, can be pressed and skinned, and
-///      writes and reads back to the same bytes.
-///   2  as 0, but behind the gate: only when PALPATE_FUZZ_RAW is set in the environment. HDF5 1.10.8
-///      is known to crash on such bytes; what it finds are HDF5's bugs, listed apart. It is why the gate
-///      comes first.
+///   1  changes to the content by means of HDF5 itself, so that HDF5 always gets a well-formed file
+///   and
+///      our own reader gets the nonsense: {dataset u8, action u8, argument u32, value u64}...
+///      Oracle: refused with a message, or a model that passes pal_model_check, can be pressed and
+///      skinned, and writes and reads back to the same bytes.
+///   2  as 0, but behind the gate: only when PALPATE_FUZZ_RAW is set in the environment.
+///   HDF5 1.10.8
+///      is known to crash on such bytes; what it finds are HDF5's bugs, listed apart. It is why the
+///      gate comes first.
 ///
 /// Build: clang -g -O1 -fsanitize=fuzzer,address,undefined with libpalpate's sources.
 #include <math.h>
@@ -96,8 +99,8 @@ int LLVMFuzzerInitialize(int *argc, char ***argv) {
 
 static uint64_t take(const uint8_t **data, size_t *size, size_t bytes) {
     uint64_t x = 0;
-    for (size_t i = 0; i < bytes && *size > 0; i++, (*data)++, (*size)--) {
-        x |= (uint64_t)**data << (8 * i);
+    for (size_t i = 0; i<bytes && * size> 0; i++, (*data)++, (*size)--) {
+        x |= (uint64_t) * *data << (8 * i);
     }
     return x;
 }
@@ -118,7 +121,8 @@ static void use(pal_model *model) {
     float *skin = calloc((size_t)info.skin_count * 6 + 1, sizeof *skin);
     if (rows != NULL && skin != NULL) {
         pal_frame frame = {.row_count = info.row_count, .displacement = rows};
-        REQUIRE(pal_model_skin(model, &frame, skin, skin + 3 * (size_t)info.skin_count) == PALPATE_OK);
+        REQUIRE(pal_model_skin(model, &frame, skin, skin + 3 * (size_t)info.skin_count) ==
+                PALPATE_OK);
     }
     free(rows);
     free(skin);
@@ -142,12 +146,14 @@ static void parse(const void *image, size_t size) {
         use(model);
         pal_model_free(model);
     } else {
-        REQUIRE(model == NULL && (status == PALPATE_ERROR_FORMAT || status == PALPATE_ERROR_MEMORY));
+        REQUIRE(model == NULL &&
+                (status == PALPATE_ERROR_FORMAT || status == PALPATE_ERROR_MEMORY));
         REQUIRE(error.message[0] != 0);
     }
 }
 
-// ---- Modes 0 and 2: bytes -------------------------------------------------------------------------
+// ---- Modes 0 and 2: bytes
+// -------------------------------------------------------------------------
 
 static void change_bytes(const uint8_t *data, size_t size, int behind_the_gate) {
     uint8_t *image = malloc(base.size + 256);
@@ -170,7 +176,8 @@ static void change_bytes(const uint8_t *data, size_t size, int behind_the_gate) 
         parse(exact, length);
     } else {
         pal_error error = {0};
-        pal_status status = pal_file_verify(PALPATE_FILE_MODEL, PALPATE_MODEL_VERSION, exact, length, "fuzzed", &error);
+        pal_status status = pal_file_verify(PALPATE_FILE_MODEL, PALPATE_MODEL_VERSION, exact,
+                                            length, "fuzzed", &error);
         int same = length == base.size && memcmp(image, base.image, length) == 0;
         REQUIRE((status == PALPATE_OK) == same);
         REQUIRE(same || error.message[0] != 0);
@@ -179,7 +186,8 @@ static void change_bytes(const uint8_t *data, size_t size, int behind_the_gate) 
     free(image);
 }
 
-// ---- Mode 1: content ------------------------------------------------------------------------------
+// ---- Mode 1: content
+// ------------------------------------------------------------------------------
 
 static void write_values(hid_t file, const char *name, uint32_t argument, uint64_t value) {
     hid_t dataset = H5Dopen2(file, name, H5P_DEFAULT);
@@ -208,8 +216,8 @@ static void write_values(hid_t file, const char *name, uint32_t argument, uint64
 
 /// A new dataset of another type, rank or size, some of its bytes from `value`.
 static void reshape(hid_t file, const char *name, uint32_t argument, uint64_t value) {
-    hid_t types[] = {H5T_STD_I32LE, H5T_IEEE_F64LE, H5T_IEEE_F32LE, H5T_STD_U8LE, H5T_STD_U64LE,
-                     H5T_IEEE_F64BE, H5T_C_S1, H5T_STD_I16LE};
+    hid_t types[] = {H5T_STD_I32LE, H5T_IEEE_F64LE, H5T_IEEE_F32LE, H5T_STD_U8LE,
+                     H5T_STD_U64LE, H5T_IEEE_F64BE, H5T_C_S1,       H5T_STD_I16LE};
     hid_t type = H5Tcopy(types[argument & 7]);
     if ((argument & 7) == 6) {
         (void)H5Tset_size(type, value & 0x8000 ? H5T_VARIABLE : (size_t)(value & 0x3FF) + 1);
@@ -230,7 +238,8 @@ static void reshape(hid_t file, const char *name, uint32_t argument, uint64_t va
         hsize_t chunk[3] = {1, 1, 1};
         (void)H5Pset_chunk(creation, rank, chunk);
     }
-    hid_t space = rank == 0 ? H5Screate(argument & 256 ? H5S_NULL : H5S_SCALAR) : H5Screate_simple(rank, dims, NULL);
+    hid_t space = rank == 0 ? H5Screate(argument & 256 ? H5S_NULL : H5S_SCALAR)
+                            : H5Screate_simple(rank, dims, NULL);
     if (space >= 0 && H5Ldelete(file, name, H5P_DEFAULT) >= 0) {
         hid_t dataset = H5Dcreate2(file, name, type, space, H5P_DEFAULT, creation, H5P_DEFAULT);
         if (dataset >= 0) {

@@ -1,5 +1,5 @@
-/// Dense kernels against LAPACK (sizes 1..400, ill-conditioned ones), against the textbook loops bit
-/// for bit, and their refusals.
+/// Dense kernels against LAPACK (sizes 1..400, ill-conditioned ones), against the textbook loops
+/// bit for bit, and their refusals.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -94,8 +94,8 @@ static const int sizes[] = {1,  2,  3,  4,  5,  6,  7,  8,   9,   11,  12,  13, 
                             17, 23, 31, 32, 33, 48, 96, 127, 128, 129, 191, 255, 333, 400};
 enum { SIZE_COUNT = sizeof sizes / sizeof *sizes };
 
-/// Backward stability: |A x - b| <= c n eps |A| |x| (Higham, Accuracy and Stability, Theorem 10.4 and
-/// 9.4 with modest growth); c = 8 leaves room over the few seen.
+/// Backward stability: |A x - b| <= c n eps |A| |x| (Higham, Accuracy and Stability, Theorem 10.4
+/// and 9.4 with modest growth); c = 8 leaves room over the few seen.
 static double residual(int n, int ld, const double *a, const double *x, const double *b) {
     double worst = 0, scale = 0;
     for (int i = 0; i < n; i++) {
@@ -167,8 +167,8 @@ static void lu_matches_lapack(void **state) {
     }
 }
 
-/// Hilbert-like and graded matrices: the residual stays at rounding level however bad the condition,
-/// and the error stays within a few times LAPACK's own.
+/// Hilbert-like and graded matrices: the residual stays at rounding level however bad the
+/// condition, and the error stays within a few times LAPACK's own.
 static void ill_conditioned_systems_stay_backward_stable(void **state) {
     (void)state;
     for (int n = 4; n <= 60; n += 4) {
@@ -179,7 +179,8 @@ static void ill_conditioned_systems_stay_backward_stable(void **state) {
                     // kind 0: Hilbert plus 1e-13 on the diagonal (condition 1e13); kind 1: rows and
                     // columns scaled over twelve decades
                     a[i + j * n] = kind == 0 ? 1.0 / (i + j + 1) + (i == j ? 1e-13 : 0)
-                                             : pow(10, -6.0 * (i + j) / n) * (i == j ? 2 : 0.5 / (1 + abs(i - j)));
+                                             : pow(10, -6.0 * (i + j) / n) *
+                                                   (i == j ? 2 : 0.5 / (1 + abs(i - j)));
                 }
                 truth[j] = uniform();
             }
@@ -207,8 +208,8 @@ static void ill_conditioned_systems_stay_backward_stable(void **state) {
     }
 }
 
-/// The textbook loops, one element at a time, in ascending k: the blocked kernels must give the very
-/// same bits (this is what makes them independent of vector width).
+/// The textbook loops, one element at a time, in ascending k: the blocked kernels must give the
+/// very same bits (this is what makes them independent of vector width).
 static void blocking_does_not_change_a_bit(void **state) {
     (void)state;
     for (int s = 0; s < SIZE_COUNT; s++) {
@@ -303,8 +304,8 @@ static void both_instruction_sets_give_the_same_bits(void **state) {
     }
 }
 
-/// One hash over factors and solutions of 88 systems, the same for gcc 12 and clang 14 at -O0, -O2 and
-/// -O3 -march=native: a compiler flag that fuses or reorders fails here.
+/// One hash over factors and solutions of 88 systems, the same for gcc 12 and clang 14 at -O0, -O2
+/// and -O3 -march=native: a compiler flag that fuses or reorders fails here.
 static void results_have_their_golden_hash(void **state) {
     (void)state;
     pal_hash h;

@@ -1,5 +1,5 @@
-/// BLAKE2b against RFC 7693's vector, an independent implementation (CPython's hashlib.blake2b), and
-/// itself fed in pieces.
+/// BLAKE2b against RFC 7693's vector, an independent implementation (CPython's hashlib.blake2b),
+/// and itself fed in pieces.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -119,10 +119,8 @@ static void digest_size_is_clamped(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(rfc_7693_appendix_a),
-        cmocka_unit_test(block_edges_match_hashlib),
-        cmocka_unit_test(rfc_7693_appendix_e_unkeyed),
-        cmocka_unit_test(pieces_give_the_same_hash),
+        cmocka_unit_test(rfc_7693_appendix_a),         cmocka_unit_test(block_edges_match_hashlib),
+        cmocka_unit_test(rfc_7693_appendix_e_unkeyed), cmocka_unit_test(pieces_give_the_same_hash),
         cmocka_unit_test(digest_size_is_clamped),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

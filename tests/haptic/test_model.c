@@ -38,8 +38,8 @@ static void green_functions_have_johnsons_values(void **state) {
     synthetic_green(E, nu, x, zero, 2, area, u);
     expected = (1 - nu * nu) / (3.14159265358979323846 * E * 0.05);
     assert_true(fabs(u[2] - expected) < 1e-12 * expected);
-    // Navier's equation inside: (1/(1-2nu)) grad div u + lap u = 0, by central differences (h = 1e-4
-    // of the distance: truncation 1e-8, rounding 1e-16/1e-8 = 1e-8 of u/r^2; 1e-5 is loose)
+    // Navier's equation inside: (1/(1-2nu)) grad div u + lap u = 0, by central differences (h =
+    // 1e-4 of the distance: truncation 1e-8, rounding 1e-16/1e-8 = 1e-8 of u/r^2; 1e-5 is loose)
     for (int direction = 0; direction < 3; direction++) {
         double y[3] = {0.01, -0.02, -0.03}, h = 1e-4, lap[3] = {0, 0, 0}, grad_div[3] = {0, 0, 0};
         for (int i = 0; i < 3; i++) {
@@ -52,10 +52,12 @@ static void green_functions_have_johnsons_values(void **state) {
                     synthetic_green(E, nu, z, zero, direction, area, value[k]);
                 }
                 // d_i d_j u_j, mixed central difference (i == j: step 2h)
-                grad_div[i] += (value[3][j] - value[2][j] - value[1][j] + value[0][j]) / (4 * h * h);
+                grad_div[i] +=
+                    (value[3][j] - value[2][j] - value[1][j] + value[0][j]) / (4 * h * h);
                 if (i == j) {
                     for (int c = 0; c < 3; c++) {
-                        lap[c] += (value[3][c] - value[2][c] - value[1][c] + value[0][c]) / (4 * h * h);
+                        lap[c] +=
+                            (value[3][c] - value[2][c] - value[1][c] + value[0][c]) / (4 * h * h);
                     }
                 }
             }
@@ -118,7 +120,8 @@ static void skew_models_have_the_skew_asked_for(void **state) {
     synthetic_params p = synthetic_default_params();
     p.skew = 0.1;
     pal_model *model = build(p);
-    assert_true(fabs(model->info.certificate.reciprocity - 0.1) < 0.002); // |C + skew|^2 = |C|^2 (1 + 0.05^2)
+    assert_true(fabs(model->info.certificate.reciprocity - 0.1) <
+                0.002); // |C + skew|^2 = |C|^2 (1 + 0.05^2)
     assert_false(model->info.certificate.passive);
     assert_false(model->info.certificate.symmetrized);
     pal_model_free(model);
@@ -214,11 +217,13 @@ static void precisions_store_and_refuse_overflow(void **state) {
     pal_precision_load(PALPATE_PRECISION_SINGLE, raw, 3, out);
     assert_true(out[0] == (double)(float)in[0]);
     in[2] = 1e39;
-    assert_int_equal(pal_precision_store(PALPATE_PRECISION_SINGLE, in, 3, raw), PALPATE_ERROR_ARGUMENT);
+    assert_int_equal(pal_precision_store(PALPATE_PRECISION_SINGLE, in, 3, raw),
+                     PALPATE_ERROR_ARGUMENT);
     in[2] = 65519.99;
     assert_int_equal(pal_precision_store(PALPATE_PRECISION_HALF, in, 3, raw), PALPATE_OK);
     in[2] = 65520;
-    assert_int_equal(pal_precision_store(PALPATE_PRECISION_HALF, in, 3, raw), PALPATE_ERROR_ARGUMENT);
+    assert_int_equal(pal_precision_store(PALPATE_PRECISION_HALF, in, 3, raw),
+                     PALPATE_ERROR_ARGUMENT);
     assert_int_equal(pal_precision_store((pal_precision)9, in, 3, raw), PALPATE_ERROR_ARGUMENT);
     assert_int_equal(pal_precision_size((pal_precision)9), 0);
 }
@@ -243,11 +248,13 @@ static void half_rows_are_scaled_to_the_body(void **state) {
                                 p.spacing * p.spacing, u);
                 for (int c = 0; c < 3; c++) {
                     double floor_ = ldexp(model->row_scale, -25); // half of the subnormal step
-                    assert_true(fabs(column[3 * r + c] - u[c]) <= fmax(fabs(u[c]) * ldexp(1, -11), floor_));
+                    assert_true(fabs(column[3 * r + c] - u[c]) <=
+                                fmax(fabs(u[c]) * ldexp(1, -11), floor_));
                 }
             }
         }
-        assert_int_equal(pal_model_store_column(model, 3 * model->info.column_count, column), PALPATE_ERROR_ARGUMENT);
+        assert_int_equal(pal_model_store_column(model, 3 * model->info.column_count, column),
+                         PALPATE_ERROR_ARGUMENT);
         assert_int_equal(pal_model_load_column(model, -1, column), PALPATE_ERROR_ARGUMENT);
         column[0] = INFINITY;
         column[1] = 1e30 * model->row_scale;

@@ -1,5 +1,5 @@
-/// The model file: round trip bit for bit, the checksum gate, damage behind the gate, failing disks,
-/// processes and threads side by side.
+/// The model file: round trip bit for bit, the checksum gate, damage behind the gate, failing
+/// disks, processes and threads side by side.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -74,12 +74,16 @@ static pal_model *build(int precision, int skin, double skew, synthetic_rows row
     // every number and text that no builder sets: distinct, so that a swapped pair shows
     double value = 0.1;
     pal_certificate *c = &m->info.certificate;
-    double *numbers[] = {&m->info.density, &m->info.seconds.cloud, &m->info.seconds.assemble,
-                         &m->info.seconds.factor, &m->info.seconds.solve, &m->info.seconds.certify,
-                         &m->info.seconds.total, &c->force_change, &c->solve_residual, &c->rcond,
-                         &c->force_balance, &c->mls_worst_condition, &c->mls_worst_point[0],
-                         &c->mls_worst_point[1], &c->mls_worst_point[2], &c->estimated_error,
-                         &c->loop_energy_raw, &c->loop_energy, &m->info.spacing_min, &m->info.spacing_mean,
+    double *numbers[] = {&m->info.density,          &m->info.seconds.cloud,
+                         &m->info.seconds.assemble, &m->info.seconds.factor,
+                         &m->info.seconds.solve,    &m->info.seconds.certify,
+                         &m->info.seconds.total,    &c->force_change,
+                         &c->solve_residual,        &c->rcond,
+                         &c->force_balance,         &c->mls_worst_condition,
+                         &c->mls_worst_point[0],    &c->mls_worst_point[1],
+                         &c->mls_worst_point[2],    &c->estimated_error,
+                         &c->loop_energy_raw,       &c->loop_energy,
+                         &m->info.spacing_min,      &m->info.spacing_mean,
                          &m->info.spacing_max};
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
         *numbers[i] = value += 0.1;
@@ -96,14 +100,29 @@ static pal_model *build(int precision, int skin, double skew, synthetic_rows row
     (void)snprintf(tool->device.path, sizeof tool->device.path, "/tmp/a b.csv");
     tool->shape = PALPATE_SHAPE_CAPSULE;
     tool->device.kind = PALPATE_DEVICE_REPLAY;
-    double *tool_numbers[] = {&tool->radius, &tool->length, &tool->friction, &tool->coupling_stiffness,
-                              &tool->coupling_damping, &tool->limits.force, &tool->limits.slew,
-                              &tool->limits.torque, &tool->start[0], &tool->start[1], &tool->start[2],
-                              &tool->axis[0], &tool->axis[1], &tool->axis[2], &tool->device.stroke.depth,
-                              &tool->device.stroke.ramp, &tool->device.stroke.period,
-                              &tool->device.stroke.amplitude, &tool->device.stroke.direction[0],
-                              &tool->device.stroke.direction[1], &tool->device.stroke.direction[2],
-                              &tool->device.stroke.tremor_amplitude, &tool->device.stroke.tremor_frequency};
+    double *tool_numbers[] = {&tool->radius,
+                              &tool->length,
+                              &tool->friction,
+                              &tool->coupling_stiffness,
+                              &tool->coupling_damping,
+                              &tool->limits.force,
+                              &tool->limits.slew,
+                              &tool->limits.torque,
+                              &tool->start[0],
+                              &tool->start[1],
+                              &tool->start[2],
+                              &tool->axis[0],
+                              &tool->axis[1],
+                              &tool->axis[2],
+                              &tool->device.stroke.depth,
+                              &tool->device.stroke.ramp,
+                              &tool->device.stroke.period,
+                              &tool->device.stroke.amplitude,
+                              &tool->device.stroke.direction[0],
+                              &tool->device.stroke.direction[1],
+                              &tool->device.stroke.direction[2],
+                              &tool->device.stroke.tremor_amplitude,
+                              &tool->device.stroke.tremor_frequency};
     for (size_t i = 0; i < sizeof tool_numbers / sizeof *tool_numbers; i++) {
         *tool_numbers[i] = value += 0.1;
     }
@@ -183,11 +202,13 @@ static void assert_same_models(const pal_model *a, const pal_model *b) {
         assert_int_equal(p->device.kind, q->device.kind);
         assert_int_equal(p->device.stroke.kind, q->device.stroke.kind);
         // radius .. axis and the stroke's numbers are contiguous doubles
-        assert_memory_equal(&p->radius, &q->radius, offsetof(pal_tool_def, has_start) - offsetof(pal_tool_def, radius));
+        assert_memory_equal(&p->radius, &q->radius,
+                            offsetof(pal_tool_def, has_start) - offsetof(pal_tool_def, radius));
         assert_memory_equal(&p->device.stroke.depth, &q->device.stroke.depth,
                             sizeof p->device.stroke - offsetof(pal_stroke, depth));
     }
-    assert_true(a->runtime.servo_rate == b->runtime.servo_rate && a->runtime.render_rate == b->runtime.render_rate);
+    assert_true(a->runtime.servo_rate == b->runtime.servo_rate &&
+                a->runtime.render_rate == b->runtime.render_rate);
     assert_int_equal(a->runtime.max_contacts, b->runtime.max_contacts);
     SAME(position, 3 * i->node_count);
     SAME(normal, 3 * i->surface_count);
@@ -201,7 +222,9 @@ static void assert_same_models(const pal_model *a, const pal_model *b) {
     assert_int_equal(a->row_ld, b->row_ld);
     assert_true(a->row_scale == b->row_scale);
     if (i->row_count > 0) {
-        assert_memory_equal(a->c_st, b->c_st, (size_t)a->row_ld * 3 * (size_t)i->column_count * pal_precision_size(i->precision));
+        assert_memory_equal(a->c_st, b->c_st,
+                            (size_t)a->row_ld * 3 * (size_t)i->column_count *
+                                pal_precision_size(i->precision));
     }
     for (int k = 0; k < i->patch_count; k++) {
         assert_string_equal(a->patch[k].name, b->patch[k].name);
@@ -228,7 +251,8 @@ static void round_trips_keep_every_bit(void **state) {
     for (int precision = 0; precision < 3; precision++) {
         for (int variant = 0; variant < 4; variant++) {
             pal_model *a = build(precision, variant == 1, variant == 2 ? 0.1 : 0,
-                                 variant == 3 ? SYNTHETIC_ROWS_NONE : SYNTHETIC_ROWS_ALL), *b = NULL;
+                                 variant == 3 ? SYNTHETIC_ROWS_NONE : SYNTHETIC_ROWS_ALL),
+                      *b = NULL;
             if (variant == 3) {
                 free(a->scene_text);
                 a->scene_text = NULL;
@@ -295,7 +319,8 @@ static void h5dump_reads_it(void **state) {
     save(a);
     char command[2048];
     (void)snprintf(command, sizeof command,
-                   "h5dump '%s' > '%s.all' && h5dump -d /info/young '%s' > '%s.txt' && grep -q '10000' '%s.txt' && "
+                   "h5dump '%s' > '%s.all' && h5dump -d /info/young '%s' > '%s.txt' && grep -q "
+                   "'10000' '%s.txt' && "
                    "grep -q '\"Pa\"' '%s.txt' && grep -q 'c_st' '%s.all'",
                    path, path, path, path, path, path, path);
     assert_int_equal(system(command), 0);
@@ -314,12 +339,16 @@ static void every_flipped_byte_is_found(void **state) {
     pal_error error = {0};
     assert_int_equal(pal_model_image(a, &image, &size, &error), PALPATE_OK);
     uint8_t *bytes = image;
-    assert_int_equal(pal_file_verify(PALPATE_FILE_MODEL, PALPATE_MODEL_VERSION, bytes, size, "m", &error), PALPATE_OK);
-    size_t step = 97, checked = 0; // all of the header and the HDF5 superblock, then samples of the rest
+    assert_int_equal(
+        pal_file_verify(PALPATE_FILE_MODEL, PALPATE_MODEL_VERSION, bytes, size, "m", &error),
+        PALPATE_OK);
+    size_t step = 97,
+           checked = 0; // all of the header and the HDF5 superblock, then samples of the rest
     for (size_t i = 0; i < size; i += i < 700 ? 1 : step, checked++) {
         uint8_t bit = (uint8_t)(1u << (i % 8));
         bytes[i] ^= bit;
-        pal_status status = pal_file_verify(PALPATE_FILE_MODEL, PALPATE_MODEL_VERSION, bytes, size, "m", &error);
+        pal_status status =
+            pal_file_verify(PALPATE_FILE_MODEL, PALPATE_MODEL_VERSION, bytes, size, "m", &error);
         assert_int_equal(status, i < 8 ? PALPATE_ERROR_FORMAT : PALPATE_ERROR_CHECKSUM);
         bytes[i] ^= bit;
     }
@@ -382,14 +411,18 @@ static void foreign_newer_and_stale_files_are_told_apart(void **state) {
     assert_int_equal(pal_file_seal(PALPATE_FILE_RECORDING, 1, bytes, size), PALPATE_OK);
     spill(path, bytes, size);
     assert_int_equal(load_status(path, "a Palpate recording, not a model"), PALPATE_ERROR_FORMAT);
-    assert_int_equal(pal_file_seal(PALPATE_FILE_MODEL, PALPATE_MODEL_VERSION + 1, bytes, size), PALPATE_OK);
+    assert_int_equal(pal_file_seal(PALPATE_FILE_MODEL, PALPATE_MODEL_VERSION + 1, bytes, size),
+                     PALPATE_OK);
     spill(path, bytes, size);
     assert_int_equal(load_status(path, "newer"), PALPATE_ERROR_VERSION);
     assert_int_equal(pal_file_seal(PALPATE_FILE_MODEL, 0, bytes, size), PALPATE_OK);
     spill(path, bytes, size);
     assert_int_equal(load_status(path, "version 0"), PALPATE_ERROR_FORMAT);
     // an unknown kind, a user block that is none, a size below it: sealed by hand
-    static const struct { size_t at; uint8_t value; } changes[] = {{8, 'X'}, {20, 1}, {21, 6}};
+    static const struct {
+        size_t at;
+        uint8_t value;
+    } changes[] = {{8, 'X'}, {20, 1}, {21, 6}};
     for (int k = 0; k < 3; k++) {
         assert_int_equal(pal_file_seal(PALPATE_FILE_MODEL, 1, bytes, size), PALPATE_OK);
         bytes[changes[k].at] = changes[k].value;
@@ -417,7 +450,8 @@ static void unreadable_things_are_io_errors(void **state) {
     assert_int_equal(load_status(other, "No such file"), PALPATE_ERROR_IO);
     assert_int_equal(load_status(directory, "not a regular file"), PALPATE_ERROR_IO);
     assert_int_equal(mkfifo(other, 0600), 0);
-    assert_int_equal(load_status(other, "not a regular file"), PALPATE_ERROR_IO); // and does not hang
+    assert_int_equal(load_status(other, "not a regular file"),
+                     PALPATE_ERROR_IO); // and does not hang
     assert_int_equal(unlink(other), 0);
     assert_int_equal(load_status("/dev/zero", "not a regular file"), PALPATE_ERROR_IO);
     if (geteuid() != 0) {
@@ -449,14 +483,16 @@ static void expect_refused(const pal_model *m, surgery cut, const char *message)
 
 static void set_number(hid_t file, const char *name, hid_t type, const void *value) {
     hid_t d = H5Dopen2(file, name, H5P_DEFAULT);
-    assert_true(d >= 0 && H5Dwrite(d, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, value) >= 0 && H5Dclose(d) >= 0);
+    assert_true(d >= 0 && H5Dwrite(d, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, value) >= 0 &&
+                H5Dclose(d) >= 0);
 }
 
 static void set_count(hid_t file, const char *name, int32_t value) {
     set_number(file, name, H5T_NATIVE_INT32, &value);
 }
 
-static void replace(hid_t file, const char *name, hid_t type, int rank, const hsize_t *dims, hid_t creation) {
+static void replace(hid_t file, const char *name, hid_t type, int rank, const hsize_t *dims,
+                    hid_t creation) {
     assert_true(H5Ldelete(file, name, H5P_DEFAULT) >= 0);
     hid_t s = rank == 0 ? H5Screate(H5S_SCALAR) : H5Screate_simple(rank, dims, NULL);
     hid_t d = H5Dcreate2(file, name, type, s, H5P_DEFAULT, creation, H5P_DEFAULT);
@@ -464,23 +500,41 @@ static void replace(hid_t file, const char *name, hid_t type, int rank, const hs
     H5Sclose(s);
 }
 
-static void cut_missing(hid_t f) { assert_true(H5Ldelete(f, "/nodes/position", H5P_DEFAULT) >= 0); }
-static void cut_missing_group(hid_t f) { assert_true(H5Ldelete(f, "/runtime/tools", H5P_DEFAULT) >= 0); }
-static void cut_single(hid_t f) { replace(f, "/info/young", H5T_IEEE_F32LE, 0, NULL, H5P_DEFAULT); }
-static void cut_big_endian(hid_t f) { replace(f, "/info/young", H5T_IEEE_F64BE, 0, NULL, H5P_DEFAULT); }
-static void cut_rank(hid_t f) { hsize_t d[1] = {1}; replace(f, "/info/young", H5T_IEEE_F64LE, 1, d, H5P_DEFAULT); }
+static void cut_missing(hid_t f) {
+    assert_true(H5Ldelete(f, "/nodes/position", H5P_DEFAULT) >= 0);
+}
+static void cut_missing_group(hid_t f) {
+    assert_true(H5Ldelete(f, "/runtime/tools", H5P_DEFAULT) >= 0);
+}
+static void cut_single(hid_t f) {
+    replace(f, "/info/young", H5T_IEEE_F32LE, 0, NULL, H5P_DEFAULT);
+}
+static void cut_big_endian(hid_t f) {
+    replace(f, "/info/young", H5T_IEEE_F64BE, 0, NULL, H5P_DEFAULT);
+}
+static void cut_rank(hid_t f) {
+    hsize_t d[1] = {1};
+    replace(f, "/info/young", H5T_IEEE_F64LE, 1, d, H5P_DEFAULT);
+}
 static void cut_null_space(hid_t f) {
     assert_true(H5Ldelete(f, "/info/young", H5P_DEFAULT) >= 0);
-    hid_t s = H5Screate(H5S_NULL), d = H5Dcreate2(f, "/info/young", H5T_IEEE_F64LE, s, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    hid_t s = H5Screate(H5S_NULL), d = H5Dcreate2(f, "/info/young", H5T_IEEE_F64LE, s, H5P_DEFAULT,
+                                                  H5P_DEFAULT, H5P_DEFAULT);
     assert_true(d >= 0);
     H5Dclose(d), H5Sclose(s);
 }
-static void cut_dims(hid_t f) { hsize_t d[2] = {5, 3}; replace(f, "/nodes/position", H5T_IEEE_F64LE, 2, d, H5P_DEFAULT); }
+static void cut_dims(hid_t f) {
+    hsize_t d[2] = {5, 3};
+    replace(f, "/nodes/position", H5T_IEEE_F64LE, 2, d, H5P_DEFAULT);
+}
 static void cut_huge(hid_t f) { // storage is never allocated, so the file stays small
     hsize_t d[2] = {(hsize_t)1 << 40, (hsize_t)1 << 20};
     replace(f, "/nodes/position", H5T_IEEE_F64LE, 2, d, H5P_DEFAULT);
 }
-static void cut_unallocated(hid_t f) { hsize_t d[2] = {36 * 3, 3}; replace(f, "/nodes/position", H5T_IEEE_F64LE, 2, d, H5P_DEFAULT); }
+static void cut_unallocated(hid_t f) {
+    hsize_t d[2] = {36 * 3, 3};
+    replace(f, "/nodes/position", H5T_IEEE_F64LE, 2, d, H5P_DEFAULT);
+}
 static void cut_deflate(hid_t f) {
     hid_t c = H5Pcreate(H5P_DATASET_CREATE);
     hsize_t d[2] = {36 * 3, 3};
@@ -497,11 +551,13 @@ static void cut_external(hid_t f) { // would read another file's bytes
 }
 static void cut_soft_link(hid_t f) {
     assert_true(H5Lmove(f, "/nodes/position", f, "/nodes/moved", H5P_DEFAULT, H5P_DEFAULT) >= 0);
-    assert_true(H5Lcreate_soft("/nodes/moved", f, "/nodes/position", H5P_DEFAULT, H5P_DEFAULT) >= 0);
+    assert_true(H5Lcreate_soft("/nodes/moved", f, "/nodes/position", H5P_DEFAULT, H5P_DEFAULT) >=
+                0);
 }
 static void cut_external_link(hid_t f) {
     assert_true(H5Ldelete(f, "/nodes", H5P_DEFAULT) >= 0);
-    assert_true(H5Lcreate_external("/tmp/other.h5", "/nodes", f, "/nodes", H5P_DEFAULT, H5P_DEFAULT) >= 0);
+    assert_true(
+        H5Lcreate_external("/tmp/other.h5", "/nodes", f, "/nodes", H5P_DEFAULT, H5P_DEFAULT) >= 0);
 }
 static void cut_group_for_dataset(hid_t f) {
     assert_true(H5Ldelete(f, "/info/young", H5P_DEFAULT) >= 0);
@@ -522,29 +578,76 @@ static void text_of(hid_t f, const char *name, const char *text, size_t size) {
     H5Tclose(t);
 }
 static char long_text[1000];
-static void cut_long_text(hid_t f) { text_of(f, "/info/method", long_text, 33); }
-static void cut_unterminated(hid_t f) { text_of(f, "/info/method", "abcd", 4); }
-static void cut_early_end(hid_t f) { text_of(f, "/info/method", "ab\0d\0", 5); }
-static void cut_scene_dataset(hid_t f) { replace(f, "/scene", H5T_STD_I32LE, 0, NULL, H5P_DEFAULT); }
-static void cut_hash(hid_t f) { text_of(f, "/info/hash", "xyz", 4); }
-static void cut_nodes_up(hid_t f) { set_count(f, "/info/node_count", 36 * 3 + 1); }
-static void cut_nodes_max(hid_t f) { set_count(f, "/info/node_count", INT32_MAX); }
-static void cut_nodes_large(hid_t f) { set_count(f, "/info/node_count", PALPATE_COUNT_MAX); }
-static void cut_nodes_negative(hid_t f) { set_count(f, "/info/node_count", -1); }
-static void cut_columns(hid_t f) { set_count(f, "/info/column_count", PALPATE_COUNT_MAX); }
-static void cut_rows(hid_t f) { set_count(f, "/info/row_count", PALPATE_COUNT_MAX); }
-static void cut_rows_overflow(hid_t f) { set_count(f, "/info/row_count", INT32_MAX); }
-static void cut_patches(hid_t f) { set_count(f, "/info/patch_count", PALPATE_COUNT_MAX); }
-static void cut_patches_more(hid_t f) { set_count(f, "/info/patch_count", 3); }
-static void cut_probes(hid_t f) { set_count(f, "/info/probe_count", 3); }
-static void cut_probes_max(hid_t f) { set_count(f, "/info/probe_count", PALPATE_COUNT_MAX); }
-static void cut_skin(hid_t f) { set_count(f, "/info/skin_count", 1000); }
-static void cut_skin_triangles(hid_t f) { set_count(f, "/skin/triangle_count", -5); }
-static void cut_tools(hid_t f) { set_count(f, "/runtime/tool_count", 9); }
-static void cut_tools_negative(hid_t f) { set_count(f, "/runtime/tool_count", -9); }
-static void cut_precision(hid_t f) { set_count(f, "/info/precision", 7); }
-static void cut_precision_other(hid_t f) { set_count(f, "/info/precision", PALPATE_PRECISION_DOUBLE); }
-static void cut_patch_large(hid_t f) { hsize_t d[1] = {1000}; replace(f, "/patches/0/column", H5T_STD_I32LE, 1, d, H5P_DEFAULT); }
+static void cut_long_text(hid_t f) {
+    text_of(f, "/info/method", long_text, 33);
+}
+static void cut_unterminated(hid_t f) {
+    text_of(f, "/info/method", "abcd", 4);
+}
+static void cut_early_end(hid_t f) {
+    text_of(f, "/info/method", "ab\0d\0", 5);
+}
+static void cut_scene_dataset(hid_t f) {
+    replace(f, "/scene", H5T_STD_I32LE, 0, NULL, H5P_DEFAULT);
+}
+static void cut_hash(hid_t f) {
+    text_of(f, "/info/hash", "xyz", 4);
+}
+static void cut_nodes_up(hid_t f) {
+    set_count(f, "/info/node_count", 36 * 3 + 1);
+}
+static void cut_nodes_max(hid_t f) {
+    set_count(f, "/info/node_count", INT32_MAX);
+}
+static void cut_nodes_large(hid_t f) {
+    set_count(f, "/info/node_count", PALPATE_COUNT_MAX);
+}
+static void cut_nodes_negative(hid_t f) {
+    set_count(f, "/info/node_count", -1);
+}
+static void cut_columns(hid_t f) {
+    set_count(f, "/info/column_count", PALPATE_COUNT_MAX);
+}
+static void cut_rows(hid_t f) {
+    set_count(f, "/info/row_count", PALPATE_COUNT_MAX);
+}
+static void cut_rows_overflow(hid_t f) {
+    set_count(f, "/info/row_count", INT32_MAX);
+}
+static void cut_patches(hid_t f) {
+    set_count(f, "/info/patch_count", PALPATE_COUNT_MAX);
+}
+static void cut_patches_more(hid_t f) {
+    set_count(f, "/info/patch_count", 3);
+}
+static void cut_probes(hid_t f) {
+    set_count(f, "/info/probe_count", 3);
+}
+static void cut_probes_max(hid_t f) {
+    set_count(f, "/info/probe_count", PALPATE_COUNT_MAX);
+}
+static void cut_skin(hid_t f) {
+    set_count(f, "/info/skin_count", 1000);
+}
+static void cut_skin_triangles(hid_t f) {
+    set_count(f, "/skin/triangle_count", -5);
+}
+static void cut_tools(hid_t f) {
+    set_count(f, "/runtime/tool_count", 9);
+}
+static void cut_tools_negative(hid_t f) {
+    set_count(f, "/runtime/tool_count", -9);
+}
+static void cut_precision(hid_t f) {
+    set_count(f, "/info/precision", 7);
+}
+static void cut_precision_other(hid_t f) {
+    set_count(f, "/info/precision", PALPATE_PRECISION_DOUBLE);
+}
+static void cut_patch_large(hid_t f) {
+    hsize_t d[1] = {1000};
+    replace(f, "/patches/0/column", H5T_STD_I32LE, 1, d, H5P_DEFAULT);
+}
 static void cut_patch_many(hid_t f) {
     hsize_t d[1] = {1000};
     hid_t c = H5Pcreate(H5P_DATASET_CREATE);
@@ -552,8 +655,14 @@ static void cut_patch_many(hid_t f) {
     replace(f, "/patches/0/column", H5T_STD_I32LE, 1, d, c);
     H5Pclose(c);
 }
-static void cut_nan(hid_t f) { double x = (double)NAN; set_number(f, "/info/volume", H5T_NATIVE_DOUBLE, &x); }
-static void cut_scale(hid_t f) { double x = 3; set_number(f, "/compliance/row_scale", H5T_NATIVE_DOUBLE, &x); }
+static void cut_nan(hid_t f) {
+    double x = (double)NAN;
+    set_number(f, "/info/volume", H5T_NATIVE_DOUBLE, &x);
+}
+static void cut_scale(hid_t f) {
+    double x = 3;
+    set_number(f, "/compliance/row_scale", H5T_NATIVE_DOUBLE, &x);
+}
 static void cut_symmetric(hid_t f) {
     double *c = malloc(48 * 48 * sizeof *c);
     assert_non_null(c);
@@ -567,7 +676,10 @@ static void cut_symmetric(hid_t f) {
 
 static void damage_behind_the_gate_is_refused(void **state) {
     (void)state;
-    static const struct { surgery cut; const char *message; } cases[] = {
+    static const struct {
+        surgery cut;
+        const char *message;
+    } cases[] = {
         {cut_missing, "/nodes/position is missing"},
         {cut_missing_group, "/runtime/tools/0/name is missing"},
         {cut_single, "/info/young has another number type"},
@@ -640,7 +752,8 @@ static void saving_where_one_cannot_leaves_nothing(void **state) {
     assert_int_equal(pal_model_save(m, directory, &error), PALPATE_ERROR_IO);
     assert_int_equal(pal_model_save(m, "", &error), PALPATE_ERROR_IO);
     assert_int_equal(pal_model_save(m, "/tmp/", &error), PALPATE_ERROR_IO);
-    assert_int_equal(pal_model_save(m, "/dev/full", &error), PALPATE_ERROR_IO); // not replaced by a file
+    assert_int_equal(pal_model_save(m, "/dev/full", &error),
+                     PALPATE_ERROR_IO); // not replaced by a file
     assert_non_null(strstr(error.message, "not a regular file"));
     struct stat st;
     assert_true(stat("/dev/full", &st) != 0 || S_ISCHR(st.st_mode));
@@ -683,7 +796,8 @@ static void saving_where_one_cannot_leaves_nothing(void **state) {
 /// Runs in a child: saves must fail with `code`, name it, and leave the old file alone.
 static int failing_save(const pal_model *m, const char *where, int code, int old_entries) {
     pal_error error = {0};
-    if (pal_model_save(m, where, &error) != PALPATE_ERROR_IO || strstr(error.message, strerror(code)) == NULL ||
+    if (pal_model_save(m, where, &error) != PALPATE_ERROR_IO ||
+        strstr(error.message, strerror(code)) == NULL ||
         strstr(error.message, "free space") == NULL) {
         (void)fprintf(stderr, "got: %s\n", error.message);
         return 1;
@@ -824,7 +938,9 @@ static void two_images_open_at_once_stay_apart(void **state) {
     }
     for (int k = 0; k < 2; k++) {
         int32_t value = 7 + k;
-        assert_int_equal(pal_h5_write(file[k], "/x", PALPATE_H5_I32, 0, NULL, &value, NULL, NULL, &error), PALPATE_OK);
+        assert_int_equal(
+            pal_h5_write(file[k], "/x", PALPATE_H5_I32, 0, NULL, &value, NULL, NULL, &error),
+            PALPATE_OK);
     }
     for (int k = 0; k < 2; k++) {
         assert_int_equal(pal_h5_take_image(file[k], &image[k], &size[k], &error), PALPATE_OK);
@@ -834,7 +950,8 @@ static void two_images_open_at_once_stay_apart(void **state) {
     }
     for (int k = 0; k < 2; k++) {
         int32_t value = 0;
-        assert_int_equal(pal_h5_read(file[k], "/x", PALPATE_H5_I32, 0, NULL, &value, &error), PALPATE_OK);
+        assert_int_equal(pal_h5_read(file[k], "/x", PALPATE_H5_I32, 0, NULL, &value, &error),
+                         PALPATE_OK);
         assert_int_equal(value, 7 + k);
         assert_int_equal(pal_h5_close(file[k], &error), PALPATE_OK);
         free(image[k]);
@@ -849,7 +966,8 @@ static void h5_files_on_disk_are_written_row_by_row(void **state) {
     pal_error error = {0};
     int64_t dims[2] = {10, 3}, found[2], wrong[2] = {10, 4};
     assert_int_equal(pal_h5_create(path, PALPATE_USER_BLOCK, 0, &file, &error), PALPATE_OK);
-    assert_int_equal(pal_h5_declare(file, "/a/b", PALPATE_H5_I64, 2, dims, "m", "d", &error), PALPATE_OK);
+    assert_int_equal(pal_h5_declare(file, "/a/b", PALPATE_H5_I64, 2, dims, "m", "d", &error),
+                     PALPATE_OK);
     int64_t rows[10][5];
     for (int i = 0; i < 10; i++) {
         for (int j = 0; j < 5; j++) {
@@ -857,41 +975,56 @@ static void h5_files_on_disk_are_written_row_by_row(void **state) {
         }
     }
     for (int i = 0; i < 10; i += 2) {
-        assert_int_equal(pal_h5_write_rows(file, "/a/b", PALPATE_H5_I64, i, 2, 5, rows[i], &error), PALPATE_OK);
+        assert_int_equal(pal_h5_write_rows(file, "/a/b", PALPATE_H5_I64, i, 2, 5, rows[i], &error),
+                         PALPATE_OK);
     }
-    assert_int_equal(pal_h5_write_rows(file, "/a/b", PALPATE_H5_I64, 9, 2, 5, rows, &error), PALPATE_ERROR_IO);
-    assert_int_equal(pal_h5_write_rows(file, "/a/b", PALPATE_H5_I64, 0, 2, 2, rows, &error), PALPATE_ERROR_IO);
-    assert_int_equal(pal_h5_write_rows(file, "/none", PALPATE_H5_I64, 0, 2, 0, rows, &error), PALPATE_ERROR_IO);
+    assert_int_equal(pal_h5_write_rows(file, "/a/b", PALPATE_H5_I64, 9, 2, 5, rows, &error),
+                     PALPATE_ERROR_IO);
+    assert_int_equal(pal_h5_write_rows(file, "/a/b", PALPATE_H5_I64, 0, 2, 2, rows, &error),
+                     PALPATE_ERROR_IO);
+    assert_int_equal(pal_h5_write_rows(file, "/none", PALPATE_H5_I64, 0, 2, 0, rows, &error),
+                     PALPATE_ERROR_IO);
     assert_int_equal(pal_h5_write_text(file, "/a/t", "", NULL, &error), PALPATE_OK);
     assert_int_equal(pal_h5_describe(file, "/a", "group", &error), PALPATE_OK);
     assert_int_equal(pal_h5_describe(file, "/c", "group", &error), PALPATE_OK);
-    assert_int_equal(pal_h5_declare(file, "/a/b", PALPATE_H5_I64, 2, dims, NULL, NULL, &error), PALPATE_ERROR_IO);
+    assert_int_equal(pal_h5_declare(file, "/a/b", PALPATE_H5_I64, 2, dims, NULL, NULL, &error),
+                     PALPATE_ERROR_IO);
     int64_t out_of_range[2] = {INT64_MAX, INT64_MAX};
-    assert_int_equal(pal_h5_declare(file, "/x", PALPATE_H5_I64, 2, out_of_range, NULL, NULL, &error), PALPATE_ERROR_ARGUMENT);
+    assert_int_equal(
+        pal_h5_declare(file, "/x", PALPATE_H5_I64, 2, out_of_range, NULL, NULL, &error),
+        PALPATE_ERROR_ARGUMENT);
     assert_int_equal(pal_h5_close(file, &error), PALPATE_OK);
 
     assert_int_equal(pal_file_seal_path(PALPATE_FILE_RECORDING, 3, path, &error), PALPATE_OK);
     assert_int_equal(pal_file_verify_path(PALPATE_FILE_RECORDING, 3, path, &error), PALPATE_OK);
-    assert_int_equal(pal_file_verify_path(PALPATE_FILE_RECORDING, 2, path, &error), PALPATE_ERROR_VERSION);
-    assert_int_equal(pal_file_seal_path(PALPATE_FILE_RECORDING, 3, "/no/such/file", &error), PALPATE_ERROR_IO);
+    assert_int_equal(pal_file_verify_path(PALPATE_FILE_RECORDING, 2, path, &error),
+                     PALPATE_ERROR_VERSION);
+    assert_int_equal(pal_file_seal_path(PALPATE_FILE_RECORDING, 3, "/no/such/file", &error),
+                     PALPATE_ERROR_IO);
     char brief[300];
     (void)snprintf(brief, sizeof brief, "%s/brief", directory);
     spill(brief, "too short to be sealed", 22);
-    assert_int_equal(pal_file_seal_path(PALPATE_FILE_RECORDING, 3, brief, &error), PALPATE_ERROR_ARGUMENT);
+    assert_int_equal(pal_file_seal_path(PALPATE_FILE_RECORDING, 3, brief, &error),
+                     PALPATE_ERROR_ARGUMENT);
     assert_non_null(strstr(error.message, "too short"));
     assert_int_equal(pal_h5_open_file(path, &file, &error), PALPATE_OK);
     assert_int_equal(pal_h5_dims(file, "/a/b", PALPATE_H5_I64, 2, found, &error), PALPATE_OK);
     assert_int_equal(found[0], 10);
     assert_int_equal(found[1], 3);
     int64_t back[4][7] = {{0}};
-    assert_int_equal(pal_h5_read_rows(file, "/a/b", PALPATE_H5_I64, 2, dims, 3, 4, 7, back, &error), PALPATE_OK);
+    assert_int_equal(pal_h5_read_rows(file, "/a/b", PALPATE_H5_I64, 2, dims, 3, 4, 7, back, &error),
+                     PALPATE_OK);
     for (int i = 0; i < 4; i++) {
         assert_memory_equal(back[i], rows[3 + i], 24);
         assert_int_equal(back[i][3], 0);
     }
-    assert_int_equal(pal_h5_read(file, "/a/b", PALPATE_H5_I64, 2, wrong, back, &error), PALPATE_ERROR_FORMAT);
-    assert_int_equal(pal_h5_read_rows(file, "/a/b", PALPATE_H5_I64, 2, dims, 8, 3, 0, back, &error), PALPATE_ERROR_FORMAT);
-    assert_int_equal(pal_h5_read_rows(file, "/a/b", PALPATE_H5_I64, 2, dims, -1, 3, 0, back, &error), PALPATE_ERROR_FORMAT);
+    assert_int_equal(pal_h5_read(file, "/a/b", PALPATE_H5_I64, 2, wrong, back, &error),
+                     PALPATE_ERROR_FORMAT);
+    assert_int_equal(pal_h5_read_rows(file, "/a/b", PALPATE_H5_I64, 2, dims, 8, 3, 0, back, &error),
+                     PALPATE_ERROR_FORMAT);
+    assert_int_equal(
+        pal_h5_read_rows(file, "/a/b", PALPATE_H5_I64, 2, dims, -1, 3, 0, back, &error),
+        PALPATE_ERROR_FORMAT);
     char text[4] = "zzz";
     assert_int_equal(pal_h5_read_text(file, "/a/t", text, sizeof text, &error), PALPATE_OK);
     assert_string_equal(text, "");

@@ -1,6 +1,6 @@
-/// Allocation failure at every allocation of saving, loading and pressing a model: a clean error, no
-/// leak, no partial file, and the library works afterwards. Also what happens to a file while it is
-/// being read: the allocation of its image is the moment between looking and reading.
+/// Allocation failure at every allocation of saving, loading and pressing a model: a clean error,
+/// no leak, no partial file, and the library works afterwards. Also what happens to a file while it
+/// is being read: the allocation of its image is the moment between looking and reading.
 ///
 /// malloc and friends are replaced for this program; only calls made by its own code (libpalpate is
 /// linked statically) are counted and made to fail, not those inside HDF5 or libc.
@@ -29,7 +29,7 @@
 #endif
 
 static int counting, fail_at, calls;
-static size_t watched;           ///< an allocation of this size
+static size_t watched;          ///< an allocation of this size
 static void (*happening)(void); ///< is when this happens
 static void *live[4096];
 static int live_count;
@@ -43,7 +43,8 @@ extern void __libc_free(void *);
 extern char __executable_start, etext;
 
 static int ours(const void *caller) {
-    return counting && (uintptr_t)caller >= (uintptr_t)&__executable_start && (uintptr_t)caller < (uintptr_t)&etext;
+    return counting && (uintptr_t)caller >= (uintptr_t)&__executable_start &&
+           (uintptr_t)caller < (uintptr_t)&etext;
 }
 
 static int fails(void) {
@@ -187,7 +188,7 @@ static void survives(operation run, int least) {
             entries++;
         }
         closedir(d);
-        assert_int_equal(entries, 3); // ".", "..", the model
+        assert_int_equal(entries, 3);                  // ".", "..", the model
         assert_int_equal(do_load(&error), PALPATE_OK); // still whole, HDF5 still works
     }
 }
@@ -207,7 +208,8 @@ static void pressing_survives(void **state) {
     survives(do_press, 4);
 }
 
-// ---- The file changes while it is read ------------------------------------------------------------
+// ---- The file changes while it is read
+// ------------------------------------------------------------
 
 static size_t file_size(void) {
     struct stat st;

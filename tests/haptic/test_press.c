@@ -1,5 +1,5 @@
-/// pal_model_press and pal_model_skin on half-space models: Eqs. 52-53 by an independent LAPACK solve,
-/// statics (moments, reciprocity of work), known contact mechanics, refusals.
+/// pal_model_press and pal_model_skin on half-space models: Eqs. 52-53 by an independent LAPACK
+/// solve, statics (moments, reciprocity of work), known contact mechanics, refusals.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -34,7 +34,8 @@ static void check_against_lapack(pal_model *model, const char *name, int index) 
     lapack_int *pivot = calloc((size_t)n, sizeof *pivot);
     for (int j = 0; j < n; j++) {
         for (int i = 0; i < n; i++) {
-            a[i + j * n] = model->c_tt[3 * patch->column[i / 3] + i % 3 + (3 * patch->column[j / 3] + j % 3) * ld];
+            a[i + j * n] = model->c_tt[3 * patch->column[i / 3] + i % 3 +
+                                       (3 * patch->column[j / 3] + j % 3) * ld];
         }
         f[j] = by[j % 3];
     }
@@ -72,7 +73,8 @@ static void check_against_lapack(pal_model *model, const char *name, int index) 
                                                                      : 5e-3;
     for (int r = 0; press.displacement != NULL && r < model->info.row_count; r++) {
         for (int i = 0; i < m; i++) {
-            if (model->row_node[r] == model->column_node[patch->column[i]] && model->info.certificate.symmetrized) {
+            if (model->row_node[r] == model->column_node[patch->column[i]] &&
+                model->info.certificate.symmetrized) {
                 for (int c = 0; c < 3; c++) {
                     assert_true(fabs(press.displacement[3 * r + c] - by[c]) < eps * 1e-3);
                 }
@@ -135,9 +137,10 @@ static void force_only_models_press(void **state) {
     pal_model_free(without);
 }
 
-/// Sign and size: pushing down needs a downward force on the body. A rigid flat punch on a half space
-/// is the electrostatics of a charged plate: F = pi E/(1-nu^2) d C with C the plate's capacitance as a
-/// length; for a square of side L, C = 0.36679 L (Read 1997), so F = 2.305 a E d/(1-nu^2), a = L/2.
+/// Sign and size: pushing down needs a downward force on the body. A rigid flat punch on a half
+/// space is the electrostatics of a charged plate: F = pi E/(1-nu^2) d C with C the plate's
+/// capacitance as a length; for a square of side L, C = 0.36679 L (Read 1997), so F = 2.305 a E
+/// d/(1-nu^2), a = L/2.
 static void pushing_down_pushes_down(void **state) {
     (void)state;
     synthetic_params p = synthetic_default_params();
@@ -148,7 +151,8 @@ static void pushing_down_pushes_down(void **state) {
     double by[3] = {0, 0, -1e-3};
     pal_press press;
     assert_int_equal(pal_model_press(model, "all", by, &press, NULL), PALPATE_OK);
-    // n nodes stand for n tributary squares: side n h; nodal forces on 16 x 16 cells come within 2 %
+    // n nodes stand for n tributary squares: side n h; nodal forces on 16 x 16 cells come within 2
+    // %
     double a = 16 * 0.002 / 2, expected = 2.305 * a * 10e3 * 1e-3 / (1 - 0.499 * 0.499);
     assert_true(press.force[2] < 0);
     assert_true(fabs(-press.force[2] - expected) < 0.02 * expected);
@@ -221,7 +225,8 @@ static void skin_follows_the_rows(void **state) {
         for (int i = 0; i < info.skin_count; i++) {
             int fixed = x[3 * i + 2] < -0.0039;
             assert_true(fabs((double)u[3 * i + 2] - (fixed ? 0 : 0.5 * x[3 * i])) < 1e-9);
-            double length = sqrt((double)(n[3 * i] * n[3 * i] + n[3 * i + 1] * n[3 * i + 1] + n[3 * i + 2] * n[3 * i + 2]));
+            double length = sqrt((double)(n[3 * i] * n[3 * i] + n[3 * i + 1] * n[3 * i + 1] +
+                                          n[3 * i + 2] * n[3 * i + 2]));
             assert_true(fabs(length - 1) < 1e-6);
             if (x[3 * i + 2] == 0 && fabs(x[3 * i]) < 0.0065 && fabs(x[3 * i + 1]) < 0.0065) {
                 // the plane z = 0.5 x: normal (-0.5, 0, 1)/sqrt(1.25)

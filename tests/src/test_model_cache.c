@@ -140,7 +140,8 @@ static void models_come_back_and_strange_files_do_not(void **state) {
     assert_non_null(strstr(error.message, "trusted"));
     assert_int_equal(chmod(path, 0600), 0);
     assert_int_equal(symlink(path, in_root("/l.palpate")), 0);
-    assert_int_equal(pal_cache_load(in_root("/l.palpate"), a->info.hash, &b, &error), PALPATE_ERROR_IO);
+    assert_int_equal(pal_cache_load(in_root("/l.palpate"), a->info.hash, &b, &error),
+                     PALPATE_ERROR_IO);
     pal_model_free(a);
 }
 
@@ -204,7 +205,8 @@ static void scenes_have_a_path(void **state) {
     FILE *f = fopen(scene_path, "w");
     assert_non_null(f);
     (void)fputs("palpate: 1\nbody:\n  geometry: {hemisphere: {radius: 0.05}}\n  spacing: 0.01\n"
-                "  material: {young: 10e3, poisson: 0.3}\n  fixed: [{below: {z: 0.0}}]\n", f);
+                "  material: {young: 10e3, poisson: 0.3}\n  fixed: [{below: {z: 0.0}}]\n",
+                f);
     assert_int_equal(fclose(f), 0);
     assert_int_equal(setenv("PALPATE_CACHE", in_root("/cache"), 1), 0);
     pal_scene *scene;

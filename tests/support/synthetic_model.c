@@ -5,8 +5,8 @@
 ///   u_x = a { [x z'/r^3 - (1-2nu) x/(r s)] F_z + [2(1-nu) r + z']/(r s) F_x
 ///             + [2 r (nu r + z') + z'^2] x/(r^3 s^2) (x F_x + y F_y) }
 ///   u_z = a { [2(1-nu)/r + z'^2/r^3] F_z + [(1-2nu)/(r s) + z'/r^3] (x F_x + y F_y) },
-/// a = (1+nu)/(2 pi E). On the diagonal, 1/r is replaced by its mean over a disc of radius b under a
-/// uniform load on the same disc, 16/(3 pi b); x^2/r^3 by half of that (isotropy).
+/// a = (1+nu)/(2 pi E). On the diagonal, 1/r is replaced by its mean over a disc of radius b under
+/// a uniform load on the same disc, 16/(3 pi b); x^2/r^3 by half of that (isotropy).
 #include "tests/support/synthetic_model.h"
 
 #include <math.h>
@@ -29,8 +29,8 @@ synthetic_params synthetic_default_params(void) {
                               .precision = PALPATE_PRECISION_SINGLE};
 }
 
-void synthetic_green(double young, double poisson, const double x[3], const double y[3], int direction,
-                     double area, double u[3]) {
+void synthetic_green(double young, double poisson, const double x[3], const double y[3],
+                     int direction, double area, double u[3]) {
     double a = (1 + poisson) / (2 * pi * young);
     double d[3] = {x[0] - y[0], x[1] - y[1], -(x[2] - y[2])};
     double r = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
@@ -38,7 +38,8 @@ void synthetic_green(double young, double poisson, const double x[3], const doub
     if (r < 1e-3 * sqrt(area)) {
         double mean = 16 / (3 * pi * sqrt(area / pi));
         // F_x: 2(1-nu)/r + 2 nu x^2/r^3 at the surface; F_z: 2(1-nu)/r; no coupling by symmetry
-        u[direction] = a * mean * (direction == 2 ? 2 * (1 - poisson) : 2 * (1 - poisson) + poisson);
+        u[direction] =
+            a * mean * (direction == 2 ? 2 * (1 - poisson) : 2 * (1 - poisson) + poisson);
         return;
     }
     double s = r + d[2], r3 = r * r * r;
@@ -80,16 +81,22 @@ static void make_triangles(pal_model *model, const grid *g) {
     int32_t e = g->m - 1, f = g->layers - 1;
     for (int32_t j = 0; j < e; j++) {
         for (int32_t i = 0; i < e; i++) {
-            add_quad(model, *at(g, i, j, 0), *at(g, i + 1, j, 0), *at(g, i + 1, j + 1, 0), *at(g, i, j + 1, 0));
-            add_quad(model, *at(g, i, j, f), *at(g, i, j + 1, f), *at(g, i + 1, j + 1, f), *at(g, i + 1, j, f));
+            add_quad(model, *at(g, i, j, 0), *at(g, i + 1, j, 0), *at(g, i + 1, j + 1, 0),
+                     *at(g, i, j + 1, 0));
+            add_quad(model, *at(g, i, j, f), *at(g, i, j + 1, f), *at(g, i + 1, j + 1, f),
+                     *at(g, i + 1, j, f));
         }
     }
     for (int32_t k = 0; k < f; k++) {
         for (int32_t i = 0; i < e; i++) {
-            add_quad(model, *at(g, i, 0, k), *at(g, i, 0, k + 1), *at(g, i + 1, 0, k + 1), *at(g, i + 1, 0, k));
-            add_quad(model, *at(g, i, e, k), *at(g, i + 1, e, k), *at(g, i + 1, e, k + 1), *at(g, i, e, k + 1));
-            add_quad(model, *at(g, 0, i, k), *at(g, 0, i + 1, k), *at(g, 0, i + 1, k + 1), *at(g, 0, i, k + 1));
-            add_quad(model, *at(g, e, i, k), *at(g, e, i, k + 1), *at(g, e, i + 1, k + 1), *at(g, e, i + 1, k));
+            add_quad(model, *at(g, i, 0, k), *at(g, i, 0, k + 1), *at(g, i + 1, 0, k + 1),
+                     *at(g, i + 1, 0, k));
+            add_quad(model, *at(g, i, e, k), *at(g, i + 1, e, k), *at(g, i + 1, e, k + 1),
+                     *at(g, i, e, k + 1));
+            add_quad(model, *at(g, 0, i, k), *at(g, 0, i + 1, k), *at(g, 0, i + 1, k + 1),
+                     *at(g, 0, i, k + 1));
+            add_quad(model, *at(g, e, i, k), *at(g, e, i, k + 1), *at(g, e, i + 1, k + 1),
+                     *at(g, e, i + 1, k));
         }
     }
 }
@@ -128,7 +135,8 @@ static int make_nodes(pal_model *model, const synthetic_params *p, grid *g) {
     info->node_count = m * m * g->layers;
     info->surface_count = info->node_count - inner;
     size_t nodes = (size_t)info->node_count, surface = (size_t)info->surface_count;
-    size_t triangles = 4 * (size_t)(m - 1) * (size_t)(m - 1) + 8 * (size_t)(m - 1) * (size_t)(g->layers - 1);
+    size_t triangles =
+        4 * (size_t)(m - 1) * (size_t)(m - 1) + 8 * (size_t)(m - 1) * (size_t)(g->layers - 1);
     model->position = calloc(nodes * 3, sizeof(double));
     model->node_flags = calloc(nodes, 1);
     model->normal = calloc(surface * 3, sizeof(double));
@@ -172,8 +180,8 @@ static int make_nodes(pal_model *model, const synthetic_params *p, grid *g) {
 
 // ---- Compliance ---------------------------------------------------------------------------------
 
-static void green_at(const pal_model *model, const synthetic_params *p, const double *x, int32_t column,
-                     int direction, double u[3]) {
+static void green_at(const pal_model *model, const synthetic_params *p, const double *x,
+                     int32_t column, int direction, double u[3]) {
     const double *y = model->position + 3 * model->column_node[column];
     synthetic_green(p->young, p->poisson, x, y, direction, p->spacing * p->spacing, u);
 }
@@ -322,7 +330,8 @@ static int make_certificate(pal_model *model, const synthetic_params *p) {
     return ok;
 }
 
-// ---- Patches, probes, skin, tool ------------------------------------------------------------------
+// ---- Patches, probes, skin, tool
+// ------------------------------------------------------------------
 
 static int make_patch(pal_model *model, const char *name, double radius) {
     const pal_model_info *info = &model->info;
@@ -392,13 +401,16 @@ static int make_skin(pal_model *model, const grid *g) {
         for (int32_t i = 0; i < side; i++) {
             size_t v = (size_t)(j * side + i);
             int32_t corner[4] = {*at(g, i / 2, j / 2, 0), *at(g, (i + 1) / 2, j / 2, 0),
-                                 *at(g, i / 2, (j + 1) / 2, 0), *at(g, (i + 1) / 2, (j + 1) / 2, 0)};
+                                 *at(g, i / 2, (j + 1) / 2, 0),
+                                 *at(g, (i + 1) / 2, (j + 1) / 2, 0)};
             for (int k = 0; k < PALPATE_SKIN_WEIGHTS; k++) {
                 int used = k < 4;
-                model->skin_row[v * PALPATE_SKIN_WEIGHTS + (size_t)k] = used ? row_of(model, corner[k]) : -1;
+                model->skin_row[v * PALPATE_SKIN_WEIGHTS + (size_t)k] =
+                    used ? row_of(model, corner[k]) : -1;
                 model->skin_weight[v * PALPATE_SKIN_WEIGHTS + (size_t)k] = used ? 0.25f : 0;
                 for (int c = 0; used && c < 3; c++) {
-                    model->skin_position[3 * v + (size_t)c] += model->position[3 * corner[k] + c] / 4;
+                    model->skin_position[3 * v + (size_t)c] +=
+                        model->position[3 * corner[k] + c] / 4;
                 }
             }
             if (i < cells && j < cells) {
@@ -419,20 +431,19 @@ static void make_runtime(pal_model *model, const synthetic_params *p) {
     runtime->servo_rate = 1000;
     runtime->render_rate = 30;
     runtime->max_contacts = 32;
-    runtime->tools[0] = (pal_tool_def){
-        .name = "probe",
-        .shape = PALPATE_SHAPE_SPHERE,
-        .radius = 2 * h,
-        .limits = {.force = 3.3, .slew = 100, .torque = 0.1},
-        .start = {0, 0, 2 * h},
-        .axis = {0, 0, -1},
-        .has_start = 1,
-        .device = {.kind = PALPATE_DEVICE_SCRIPTED,
-                   .stroke = {.kind = PALPATE_STROKE_PRESS,
-                              .depth = 0.5 * h,
-                              .ramp = 0.2,
-                              .period = 1,
-                              .direction = {1, 0, 0}}}};
+    runtime->tools[0] = (pal_tool_def){.name = "probe",
+                                       .shape = PALPATE_SHAPE_SPHERE,
+                                       .radius = 2 * h,
+                                       .limits = {.force = 3.3, .slew = 100, .torque = 0.1},
+                                       .start = {0, 0, 2 * h},
+                                       .axis = {0, 0, -1},
+                                       .has_start = 1,
+                                       .device = {.kind = PALPATE_DEVICE_SCRIPTED,
+                                                  .stroke = {.kind = PALPATE_STROKE_PRESS,
+                                                             .depth = 0.5 * h,
+                                                             .ramp = 0.2,
+                                                             .period = 1,
+                                                             .direction = {1, 0, 0}}}};
 }
 
 pal_model *synthetic_model(const synthetic_params *params) {
@@ -452,7 +463,8 @@ pal_model *synthetic_model(const synthetic_params *params) {
     info->density = 1000;
     info->spacing_min = info->spacing_mean = info->spacing_max = params->spacing;
     (void)snprintf(info->method, sizeof info->method, "half-space");
-    (void)snprintf(info->method_options, sizeof info->method_options, "spacing=%g", params->spacing);
+    (void)snprintf(info->method_options, sizeof info->method_options, "spacing=%g",
+                   params->spacing);
     (void)snprintf(info->provenance, sizeof info->provenance, "tests/support/synthetic_model.c");
 
     int ok = make_nodes(model, params, &g);
@@ -464,8 +476,9 @@ pal_model *synthetic_model(const synthetic_params *params) {
             model->column_node[t++] = i;
         }
     }
-    ok = ok && make_c_tt(model, params) && make_rows(model, params) && make_certificate(model, params) &&
-         make_patches_and_probes(model, params) && (!params->skin || make_skin(model, &g));
+    ok = ok && make_c_tt(model, params) && make_rows(model, params) &&
+         make_certificate(model, params) && make_patches_and_probes(model, params) &&
+         (!params->skin || make_skin(model, &g));
     free(g.node);
     if (!ok) {
         pal_model_free(model);
@@ -473,7 +486,7 @@ pal_model *synthetic_model(const synthetic_params *params) {
     }
     make_runtime(model, params);
     size_t n = 3 * (size_t)info->column_count;
-    info->bytes = n * n * sizeof(double) +
-                  n * (size_t)model->row_ld * pal_precision_size(info->precision);
+    info->bytes =
+        n * n * sizeof(double) + n * (size_t)model->row_ld * pal_precision_size(info->precision);
     return model;
 }
