@@ -64,6 +64,11 @@ static pal_status fail_h5(pal_error *error, pal_status status, const char *what,
     return pal_fail(error, status, "%s %s%s", what, path, text);
 }
 
+/// Close any HDF5 object; an invalid one is none. @return 0 when that failed (a late write error)
+static int drop(hid_t id) {
+    return id < 0 || H5Idec_ref(id) >= 0;
+}
+
 // ---- Types --------------------------------------------------------------------------------------
 
 size_t pal_h5_type_size(pal_h5_type type) {
@@ -247,12 +252,8 @@ pal_status pal_h5_create(const char *path, size_t user_block, size_t expected, p
         file = NULL;
     }
 out:
-    if (creation >= 0) {
-        (void)H5Pclose(creation);
-    }
-    if (access >= 0) {
-        (void)H5Pclose(access);
-    }
+    (void)drop(creation);
+    (void)drop(access);
     *out = file;
     leave(call);
     return status;
@@ -313,9 +314,7 @@ static pal_status open_file(const char *path, const void *image, size_t size, pa
         file = NULL;
     }
 out:
-    if (access >= 0) {
-        (void)H5Pclose(access);
-    }
+    (void)drop(access);
     *out = file;
     leave(call);
     return status;
@@ -363,15 +362,9 @@ static int write_attribute(hid_t object, const char *name, const char *text) {
         attribute = H5Acreate2(object, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
         ok = attribute >= 0 && H5Awrite(attribute, type, text) >= 0;
     }
-    if (attribute >= 0) {
-        ok = H5Aclose(attribute) >= 0 && ok;
-    }
-    if (space >= 0) {
-        (void)H5Sclose(space);
-    }
-    if (type >= 0) {
-        (void)H5Tclose(type);
-    }
+    ok = drop(attribute) && ok;
+    (void)drop(space);
+    (void)drop(type);
     return ok;
 }
 
@@ -392,12 +385,8 @@ static hid_t make_dataset(pal_h5 *file, const char *path, hid_t type, hid_t spac
         (void)H5Dclose(dataset);
         dataset = H5I_INVALID_HID;
     }
-    if (links >= 0) {
-        (void)H5Pclose(links);
-    }
-    if (creation >= 0) {
-        (void)H5Pclose(creation);
-    }
+    (void)drop(links);
+    (void)drop(creation);
     return dataset;
 }
 
@@ -412,12 +401,8 @@ pal_status pal_h5_describe(pal_h5 *file, const char *group, const char *descript
         object = H5Gcreate2(file->id, group, links, H5P_DEFAULT, H5P_DEFAULT);
     }
     int ok = object >= 0 && write_attribute(object, "description", description);
-    if (object >= 0) {
-        ok = H5Gclose(object) >= 0 && ok;
-    }
-    if (links >= 0) {
-        (void)H5Pclose(links);
-    }
+    ok = drop(object) && ok;
+    (void)drop(links);
     pal_status status = ok ? PALPATE_OK : fail_h5(error, PALPATE_ERROR_IO, "cannot write", group);
     leave(call);
     return status;
@@ -456,9 +441,7 @@ pal_status pal_h5_declare(pal_h5 *file, const char *path, pal_h5_type type, int 
     if (dataset < 0 || H5Dclose(dataset) < 0) {
         status = fail_h5(error, PALPATE_ERROR_IO, "cannot write", path);
     }
-    if (space >= 0) {
-        (void)H5Sclose(space);
-    }
+    (void)drop(space);
     leave(call);
     return status;
 }
@@ -509,12 +492,8 @@ static int transfer_rows(hid_t dataset, hid_t type, int64_t first, int64_t count
                         : H5Dwrite(dataset, type, memory, space, H5P_DEFAULT,
                                    from != NULL ? from : &nothing) >= 0;
     }
-    if (memory >= 0) {
-        (void)H5Sclose(memory);
-    }
-    if (space >= 0) {
-        (void)H5Sclose(space);
-    }
+    (void)drop(memory);
+    (void)drop(space);
     return ok;
 }
 
@@ -524,9 +503,7 @@ pal_status pal_h5_write_rows(pal_h5 *file, const char *path, pal_h5_type type, i
     hid_t dataset = H5Dopen2(file->id, path, H5P_DEFAULT);
     int ok =
         dataset >= 0 && transfer_rows(dataset, type_id(file, type), first, count, ld, data, NULL);
-    if (dataset >= 0) {
-        ok = H5Dclose(dataset) >= 0 && ok;
-    }
+    ok = drop(dataset) && ok;
     pal_status status = ok ? PALPATE_OK : fail_h5(error, PALPATE_ERROR_IO, "cannot write", path);
     leave(call);
     return status;
@@ -559,15 +536,9 @@ pal_status pal_h5_write_text(pal_h5 *file, const char *path, const char *text,
                         ? make_dataset(file, path, type, space, NULL, description)
                         : H5I_INVALID_HID;
     int ok = dataset >= 0 && H5Dwrite(dataset, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, text) >= 0;
-    if (dataset >= 0) {
-        ok = H5Dclose(dataset) >= 0 && ok;
-    }
-    if (space >= 0) {
-        (void)H5Sclose(space);
-    }
-    if (type >= 0) {
-        (void)H5Tclose(type);
-    }
+    ok = drop(dataset) && ok;
+    (void)drop(space);
+    (void)drop(type);
     pal_status status = ok ? PALPATE_OK : fail_h5(error, PALPATE_ERROR_IO, "cannot write", path);
     leave(call);
     return status;
@@ -625,9 +596,7 @@ static hid_t open_dataset(pal_h5 *file, const char *path, pal_error *error) {
         (void)H5Dclose(dataset);
         dataset = H5I_INVALID_HID;
     }
-    if (creation >= 0) {
-        (void)H5Pclose(creation);
-    }
+    (void)drop(creation);
     return dataset;
 }
 
@@ -659,12 +628,8 @@ static pal_status check_dataset(const pal_h5 *file, hid_t dataset, const char *p
                               "%s claims %zu bytes that the file does not hold", path, bytes);
         }
     }
-    if (stored >= 0) {
-        (void)H5Tclose(stored);
-    }
-    if (space >= 0) {
-        (void)H5Sclose(space);
-    }
+    (void)drop(stored);
+    (void)drop(space);
     return status;
 }
 
@@ -730,12 +695,8 @@ static size_t text_bytes(const pal_h5 *file, hid_t dataset) {
             size = 0;
         }
     }
-    if (space >= 0) {
-        (void)H5Sclose(space);
-    }
-    if (type >= 0) {
-        (void)H5Tclose(type);
-    }
+    (void)drop(space);
+    (void)drop(type);
     return size;
 }
 
@@ -780,12 +741,8 @@ out:
     if (status != PALPATE_OK && size > 0) {
         text[0] = 0;
     }
-    if (type >= 0) {
-        (void)H5Tclose(type);
-    }
-    if (dataset >= 0) {
-        (void)H5Dclose(dataset);
-    }
+    (void)drop(type);
+    (void)drop(dataset);
     leave(call);
     return status;
 }
