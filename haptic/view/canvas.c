@@ -170,9 +170,15 @@ static void corner_layout(void) {
 pal_camera pal_camera_default(const pal_model *model) {
     pal_model_info info;
     pal_model_get_info(model, &info);
-    pal_camera camera = {.azimuth = -1.0, .elevation = 0.52, .distance = 1.75};
+    pal_camera camera = {.azimuth = -1.0, .elevation = 0.6, .distance = 1.75};
+    const pal_runtime_config *runtime = pal_model_runtime(model);
+    int aimed = runtime->tool_count > 0 && runtime->tools[0].has_start;
     for (int d = 0; d < 3; d++) {
         camera.center[d] = 0.5 * (info.bounds_min[d] + info.bounds_max[d]);
+        if (aimed) {
+            camera.center[d] = 0.5 * (camera.center[d] + runtime->tools[0].start[d]);
+            camera.distance = 1.15;
+        }
     }
     return camera;
 }
@@ -325,7 +331,7 @@ static int draw_force(pal_canvas *c, const pal_tool_force *f, const pal_pose *po
         return 0;
     }
     const double *from = f->contact_count > 0 ? f->centroid : pose->position;
-    double length = 0.42 * c->size * size / (size + 1.0), r = 0.010 * c->size, u[3], neck[3];
+    double length = c->size * (0.06 + 0.34 * size / (size + 0.5)), r = 0.010 * c->size, u[3], neck[3];
     for (int d = 0; d < 3; d++) {
         u[d] = f->force[d] / size;
         neck[d] = from[d] + 0.78 * length * u[d];

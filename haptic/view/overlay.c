@@ -28,7 +28,12 @@ double pal_round_up(double x) {
     }
     double p = pow(10.0, floor(log10(x)));
     double m = x / p;
-    return p * (m <= 1.0 ? 1.0 : m <= 2.0 ? 2.0 : m <= 5.0 ? 5.0 : 10.0);
+    static const double step[] = {1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0};
+    int i = 0;
+    while (i < 8 && m > step[i]) {
+        i++;
+    }
+    return p * step[i];
 }
 
 /// A length in the unit that reads best.

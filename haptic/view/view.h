@@ -29,7 +29,7 @@ typedef struct pal_camera {
     double distance;           ///< in body sizes
     double center[3];          ///< looked at [m]
 } pal_camera;
-/// A view of the whole body from above and aside; looks along the first tool's side.
+/// A view of the body from above and aside, nearer to where the tools start.
 pal_camera pal_camera_default(const pal_model *model);
 
 /// ---- The canvas (canvas.c): the model's surface and its tools drawn by OpenGL -------------------
@@ -68,7 +68,7 @@ void pal_overlay_draw(uint8_t *argb, int width, int height, const pal_caption *c
                       const pal_label *labels, int label_count);
 /// Colour of the displacement scale at t in [0, 1]: the same in the shader and in the legend.
 void pal_colour(double t, double rgb[3]);
-/// The next of 1, 2, 5 times a power of ten at or above x.
+/// The next of 1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten at or above x.
 double pal_round_up(double x);
 
 /// ---- Pictures (picture.c) -----------------------------------------------------------------------

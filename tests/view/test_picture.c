@@ -152,9 +152,9 @@ static void bad_paths_and_sizes_are_refused(void **state) {
     assert_int_equal(pal_offscreen_create(3, 16, &off, &error), PALPATE_ERROR_ARGUMENT);
 }
 
-static void scales_round_up_to_1_2_5(void **state) {
+static void scales_round_up_to_plain_numbers(void **state) {
     (void)state;
-    const double in[] = {0.9, 1.0, 1.1, 2.0, 2.1, 5.1, 0.00031}, out[] = {1, 1, 2, 2, 5, 10, 0.0005};
+    const double in[] = {0.9, 1.0, 1.1, 2.0, 2.1, 5.1, 0.00031}, out[] = {1, 1, 1.5, 2, 3, 6, 0.0004};
     for (int i = 0; i < 7; i++) {
         assert_true(fabs(pal_round_up(in[i]) - out[i]) < 1e-12 * out[i]);
     }
@@ -165,7 +165,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(picture_shows_the_dent_and_the_force),
         cmocka_unit_test(bad_paths_and_sizes_are_refused),
-        cmocka_unit_test(scales_round_up_to_1_2_5),
+        cmocka_unit_test(scales_round_up_to_plain_numbers),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
