@@ -17,6 +17,7 @@
 #include "src/compliance.h"
 #include "src/factor.h"
 #include "src/memory_plan.h"
+#include "src/model_cache.h"
 #include "src/model_fill.h"
 #include "src/scene.h"
 #include "src/scene_check.h"
@@ -196,16 +197,12 @@ pal_status pal_precompute_cached(pal_scene *scene, const pal_progress *progress,
     }
     pal_error cache_error = {0};
     int have_path = pal_cache_path(scene, path, sizeof path, &cache_error) == PALPATE_OK;
-    if (have_path && pal_model_load(path, out, NULL) == PALPATE_OK) {
-        if (strcmp((*out)->info.hash, hash) == 0) {
-            (*out)->runtime = scene->runtime;
-            if (was_cached != NULL) {
-                *was_cached = 1;
-            }
-            return PALPATE_OK;
+    if (have_path && pal_cache_load(path, hash, out, NULL) == PALPATE_OK) {
+        (*out)->runtime = scene->runtime;
+        if (was_cached != NULL) {
+            *was_cached = 1;
         }
-        pal_model_free(*out);
-        *out = NULL;
+        return PALPATE_OK;
     }
     status = pal_precompute(scene, progress, out, error);
     if (status != PALPATE_OK) {
@@ -220,7 +217,7 @@ pal_status pal_precompute_cached(pal_scene *scene, const pal_progress *progress,
     if (!have_path) {
         return pal_scene_warn(scene, NULL, "the model is not cached: %s", cache_error.message);
     }
-    if (pal_model_save(*out, path, &cache_error) != PALPATE_OK) {
+    if (pal_cache_save(*out, path, &cache_error) != PALPATE_OK) {
         return pal_scene_warn(scene, NULL, "the model is not cached: %s", cache_error.message);
     }
     return PALPATE_OK;
