@@ -50,7 +50,7 @@ enum { KERNEL_READ, KERNEL_SINGLE, KERNEL_HALF, KERNEL_DOUBLE, KERNEL_SGEMV, KER
 
 typedef struct bench_block {
     int32_t nodes, contacts, columns;
-    int64_t rows;
+    int64_t rows, ld;
     float *single;
     uint16_t *half;
     double *full;
@@ -115,8 +115,9 @@ static void pure_read(pal_isa isa, const float *block, size_t bytes) {
 
 static bench_block make_block(int32_t nodes, int32_t contacts) {
     bench_block b = {.nodes = nodes, .contacts = contacts, .columns = 3 * contacts};
-    b.rows = (3 * (int64_t)nodes + 127) / 128 * 128; // whole 512-byte units for the reader
-    size_t count = (size_t)b.rows * (size_t)b.columns;
+    b.rows = (3 * (int64_t)nodes + 127) / 128 * 128;  // whole 512-byte units for the reader
+    b.ld = b.rows % 1024 == 0 ? b.rows + 32 : b.rows; // no whole pages, as pal_model_alloc_rows
+    size_t count = (size_t)b.ld * (size_t)b.columns;
     b.single = aligned(count * sizeof *b.single);
     b.half = aligned(count * sizeof *b.half);
     b.full = aligned(count * sizeof *b.full);
@@ -150,11 +151,11 @@ static void free_block(bench_block *b) {
 
 static size_t kernel_bytes(const bench_block *b, int kernel) {
     size_t element = kernel == KERNEL_HALF ? 2 : kernel == KERNEL_DOUBLE ? 8 : 4;
-    return (size_t)b->rows * (size_t)b->columns * element;
+    return (size_t)b->rows * (size_t)b->columns * element; // whole 512 bytes
 }
 
 static void run_kernel(const bench_block *b, int kernel, pal_isa isa) {
-    pal_field_job job = {.ld = b->rows,
+    pal_field_job job = {.ld = b->ld,
                          .rows = b->rows,
                          .count = b->columns,
                          .dof = b->dof,
@@ -167,7 +168,7 @@ static void run_kernel(const bench_block *b, int kernel, pal_isa isa) {
         return;
     case KERNEL_SGEMV:
         cblas_sgemv(CblasColMajor, CblasNoTrans, (int)b->rows, b->columns, 1.0f, b->single,
-                    (int)b->rows, b->f32, 1, 0.0f, b->out, 1);
+                    (int)b->ld, b->f32, 1, 0.0f, b->out, 1);
         return;
     case KERNEL_SINGLE:
         job.precision = PALPATE_PRECISION_SINGLE;

@@ -13,7 +13,7 @@
 
 enum {
     SWEEP_GROUP = 12,         ///< columns per pass: as many pointers as there are registers for
-    SWEEP_ROWS = 4096,        ///< rows per panel: 16 KiB of result in L1
+    SWEEP_ROWS = 16384,       ///< rows per panel: long runs matter more than L1, 64 KiB in L2 do
     SWEEP_ROWS_DOUBLE = 2048, ///< the same in double storage
 };
 

@@ -6,7 +6,7 @@
 ///   SWEEP_WIDTH     bytes of the wide type (16, 32, 64)
 ///   SWEEP_HALF(p, v) load SWEEP_WIDTH / 4 halves at p into the float vector v
 ///
-/// Blocking: a panel of SWEEP_ROWS rows of the result stays in L1 while the columns are swept over
+/// Blocking: a panel of SWEEP_ROWS rows of the result stays in cache while the columns are swept over
 /// it, SWEEP_GROUP columns per pass, so that the panel is read and written once per SWEEP_GROUP
 /// columns and every column is read in long consecutive runs (the prefetcher's favourite). Nodal
 /// forces come in threes, so the remainder is swept by sixes and threes.

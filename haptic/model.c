@@ -16,7 +16,7 @@
 
 #include "haptic/error.h"
 
-enum { ROW_ALIGNMENT = 64, HUGE_PAGE = 1 << 21 };
+enum { ROW_ALIGNMENT = 64, PAGE = 4096, HUGE_PAGE = 1 << 21 };
 
 // ---- Life ---------------------------------------------------------------------------------------
 
@@ -273,6 +273,9 @@ pal_status pal_model_alloc_rows(pal_model *model, pal_error *error) {
     }
     size_t column =
         ((size_t)info->row_count * 3 * element + ROW_ALIGNMENT - 1) / ROW_ALIGNMENT * ROW_ALIGNMENT;
+    if (column % PAGE == 0) { // a dozen columns swept together must not share one set of the cache
+        column += ROW_ALIGNMENT;
+    }
     size_t bytes = 0;
     if (__builtin_mul_overflow(column, (size_t)info->column_count * 3, &bytes)) {
         bytes = SIZE_MAX;

@@ -11,7 +11,7 @@
 
 #include "haptic/field.h"
 
-enum { LD = 4096 + 64, COLUMNS = 64, COUNT_MAX = 100 };
+enum { LD = 16384 + 64, COLUMNS = 64, COUNT_MAX = 100 };
 
 static uint64_t random_state = 7;
 static uint32_t random_bits(void) {
@@ -95,7 +95,7 @@ static pal_field_job job_of(const fixture *x, pal_precision p, int64_t rows, int
 /// Counts around the groups of twelve, six and three, rows around the panel and each vector width.
 static void variants_agree_bit_for_bit(pal_precision p) {
     static const int32_t counts[] = {0, 1, 2, 3, 4, 6, 9, 11, 12, 13, 21, 48, 96, 100};
-    static const int64_t rows[] = {32, 64, 2016, 2048, 2080, 4096, LD};
+    static const int64_t rows[] = {32, 64, 2016, 2048, 2080, 4096, 16384, LD};
     fixture x;
     make(&x, p);
     for (size_t c = 0; c < sizeof counts / sizeof *counts; c++) {
