@@ -47,6 +47,7 @@ void pal_model_free(pal_model *model) {
     free(model->probe);
     free(model->skin_position);
     free(model->skin_triangle);
+    free(model->skin_twin);
     free(model->skin_row);
     free(model->skin_weight);
     free(model->scene_text);

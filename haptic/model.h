@@ -57,7 +57,8 @@ struct pal_model {
 
     int32_t skin_triangle_count;
     double *skin_position;  ///< (skin_count x 3)
-    int32_t *skin_triangle; ///< (skin_triangle_count x 3)
+    int32_t *skin_triangle; ///< (skin_triangle_count x 3) twins' representatives
+    int32_t *skin_twin;     ///< (skin_count) vertex whose normal this one shares: same place; itself when alone
     int32_t *skin_row;      ///< (skin_count x PALPATE_SKIN_WEIGHTS) index into row_node; -1: unused
     float *skin_weight;     ///< (skin_count x PALPATE_SKIN_WEIGHTS)
 

@@ -317,6 +317,13 @@ static pal_status check_skin(const pal_model *model, pal_error *error) {
     TRY(check_finite("skin_position", model->skin_position, 3 * count, error));
     TRY(check_indices("skin_triangle", model->skin_triangle,
                       3 * (int64_t)model->skin_triangle_count, model->info.skin_count, 0, error));
+    TRY(check_indices("skin_twin", model->skin_twin, count, model->info.skin_count, 0, error));
+    for (int64_t i = 0; i < count; i++) {
+        if (model->skin_twin[model->skin_twin[i]] != model->skin_twin[i]) {
+            return BAD("skin_twin[%" PRId64 "] is %d, which has another twin", i,
+                       (int)model->skin_twin[i]);
+        }
+    }
     if (count > 0 && (model->skin_row == NULL || model->skin_weight == NULL)) {
         return BAD("the skin's weights are missing");
     }

@@ -402,6 +402,8 @@ static pal_status transfer_skin(const transfer *t, pal_model *model) {
     TRY(transfer_fields(t, "", fields, 1, model));
     ARRAY("/skin/position", PALPATE_H5_F64, count, 3, model->skin_position, "m",
           "rest positions of the vertices");
+    ARRAY("/skin/twin", PALPATE_H5_I32, count, 0, model->skin_twin, "1",
+          "vertex whose normal each one shares: one for all at the same place");
     ARRAY("/skin/row", PALPATE_H5_I32, count, PALPATE_SKIN_WEIGHTS, model->skin_row, "1",
           "indices into row_node; -1: unused");
     ARRAY("/skin/weight", PALPATE_H5_F32, count, PALPATE_SKIN_WEIGHTS, model->skin_weight, "1",

@@ -1,9 +1,9 @@
 /// @file skin.c  Displacement and normals at the vertices of the mesh a host draws.
 ///
-/// u(vertex) = sum_k weight_k u(row_k) with stored weights (MLS weights of the surface file's
-/// vertices on the surface nodes, made offline). A model without such a mesh serves its own surface
-/// nodes and triangles. Normals: sum of the deformed triangles' area vectors around a vertex, made
-/// unit. Thread: any (the reader's); the model and the frame are only read. No allocation.
+/// u(vertex) = sum_k weight_k u(row_k) with stored weights (barycentric at the nearest point of the
+/// cloud's surface, made offline by src/skin.c). A model without such a mesh serves its own surface
+/// nodes and triangles. Normals: sum of the deformed triangles' area vectors around a vertex and all
+/// others at the same place (twins, where textures are cut), made unit. Thread: any (the reader's); the model and the frame are only read. No allocation.
 #include <math.h>
 #include <string.h>
 
@@ -83,6 +83,9 @@ pal_status pal_model_skin(const pal_model *model, const pal_frame *frame, float 
         const int32_t *triangle = pal_model_skin_triangles(model, &triangles);
         skin_normals(pal_model_skin_positions(model), triangle, triangles, count, displacement,
                      normal);
+        for (size_t i = 0; i < (size_t)stored; i++) { // triangles name one vertex of each place
+            memmove(normal + 3 * i, normal + 3 * (size_t)model->skin_twin[i], 3 * sizeof *normal);
+        }
     }
     return PALPATE_OK;
 }

@@ -13,6 +13,7 @@
 #include "src/mesher_client.h"
 #include "src/rims.h"
 #include "src/scene_size.h"
+#include "src/skin.h"
 #include "src/surface.h"
 #include "src/tet_improve.h"
 #include "src/vec.h"
@@ -293,15 +294,25 @@ pal_status pal_cloud_build(pal_scene *scene, const pal_progress *progress, pal_c
     if (skin != NULL) {
         memset(skin, 0, sizeof *skin);
     }
-    pal_status status = build(scene, progress, &body, &size, &fill, cloud, error);
-    if (status == PALPATE_OK && skin != NULL && body.is_file) {
-        status = pal_surface_skin(&body, skin, error);
+    pal_status status = PALPATE_OK;
+    int own = skin != NULL && scene->skin.path[0] != '\0';
+    if (own) { // before the long work: its file may be no mesh
+        status = pal_skin_read(scene, NULL, skin, error);
+    }
+    if (status == PALPATE_OK) {
+        status = build(scene, progress, &body, &size, &fill, cloud, error);
+    }
+    if (status == PALPATE_OK && skin != NULL && !own) {
+        status = pal_skin_read(scene, &body, skin, error);
     }
     pal_body_clear(&body);
     pal_size_clear(&size);
     pal_mesh_fill_clear(&fill);
     if (status != PALPATE_OK) {
         pal_cloud_clear(cloud);
+    }
+    if (status != PALPATE_OK && skin != NULL) {
+        pal_skin_clear(skin);
     }
     return status;
 }

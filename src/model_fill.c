@@ -10,7 +10,7 @@
 #include "src/locate.h"
 #include "src/neighbours.h"
 
-enum { SKIN_CANDIDATES = 8 };
+enum { SURFACE_CANDIDATES = 8 };
 
 static pal_status no_memory(pal_error *error) {
     return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for the model's tables");
@@ -155,8 +155,8 @@ static pal_status fill_probes(const pal_scene *scene, const pal_cloud *cloud, pa
         status = pal_triangle_ring_build(cloud, &ring, error);
     }
     for (int32_t p = 0; status == PALPATE_OK && p < scene->probe_count; p++) {
-        double x[3], weight[3], square[SKIN_CANDIDATES], distance = 0.0;
-        int32_t node[SKIN_CANDIDATES];
+        double x[3], weight[3], square[SURFACE_CANDIDATES], distance = 0.0;
+        int32_t node[SURFACE_CANDIDATES];
         char place[1400];
         (void)snprintf(m->probe[p].name, sizeof m->probe[p].name, "%s", scene->probe[p].name);
         for (int d = 0; d < 3; d++) {
@@ -164,7 +164,7 @@ static pal_status fill_probes(const pal_scene *scene, const pal_cloud *cloud, pa
             x[d] = scene->probe[p].position[d] / cloud->length;
         }
         if (pal_cloud_winding(cloud, x) < 0.5) {
-            int32_t count = pal_neighbours_nearest(&near, x, SKIN_CANDIDATES, node, square);
+            int32_t count = pal_neighbours_nearest(&near, x, SURFACE_CANDIDATES, node, square);
             (void)pal_cloud_nearest_triangle(cloud, &ring, node, count, x, &distance, weight);
             double allowed = 0.5 * cloud->spacing[node[0]];
             if (distance > allowed) {
@@ -215,49 +215,4 @@ pal_status pal_model_fill(const pal_scene *scene, const pal_cloud *cloud, const 
         }
     }
     return PALPATE_OK;
-}
-
-pal_status pal_model_fill_skin(const pal_skin_source *skin, const pal_cloud *cloud, pal_model *model,
-                               pal_error *error) {
-    if (skin->vertex_count == 0 || model->info.row_count < model->info.surface_count) {
-        return PALPATE_OK;
-    }
-    size_t v = (size_t)skin->vertex_count, f = (size_t)skin->triangle_count;
-    model->skin_position = malloc(3 * v * sizeof *model->skin_position);
-    model->skin_triangle = malloc((3 * f + 1) * sizeof *model->skin_triangle);
-    model->skin_row = malloc(PALPATE_SKIN_WEIGHTS * v * sizeof *model->skin_row);
-    model->skin_weight = calloc(PALPATE_SKIN_WEIGHTS * v, sizeof *model->skin_weight);
-    if (!model->skin_position || !model->skin_triangle || !model->skin_row || !model->skin_weight) {
-        return no_memory(error);
-    }
-    pal_neighbours near = {0};
-    pal_triangle_ring ring = {0};
-    pal_status status = pal_neighbours_create(&near, cloud->position, cloud->surface_count, error);
-    if (status == PALPATE_OK) {
-        status = pal_triangle_ring_build(cloud, &ring, error);
-    }
-    if (status == PALPATE_OK) {
-        memcpy(model->skin_position, skin->position, 3 * v * sizeof *skin->position);
-        memcpy(model->skin_triangle, skin->triangle, 3 * f * sizeof *skin->triangle);
-        for (size_t i = 0; i < v; i++) {
-            double x[3], weight[3] = {1.0, 0.0, 0.0}, distance = 0.0, square[SKIN_CANDIDATES];
-            int32_t node[SKIN_CANDIDATES];
-            for (int d = 0; d < 3; d++) {
-                x[d] = skin->position[3 * i + (size_t)d] / cloud->length;
-            }
-            int32_t count = pal_neighbours_nearest(&near, x, SKIN_CANDIDATES, node, square);
-            int32_t best = pal_cloud_nearest_triangle(cloud, &ring, node, count, x, &distance, weight);
-            for (size_t k = 0; k < PALPATE_SKIN_WEIGHTS; k++) {
-                model->skin_row[PALPATE_SKIN_WEIGHTS * i + k] =
-                    k < 3 ? cloud->triangle[3 * (size_t)best + k] : -1;
-                model->skin_weight[PALPATE_SKIN_WEIGHTS * i + k] = k < 3 ? (float)weight[k] : 0.0F;
-            }
-        }
-        // rows of `surface` and `all` start with the surface nodes in order: row index = node index
-        model->info.skin_count = skin->vertex_count;
-        model->skin_triangle_count = skin->triangle_count;
-    }
-    pal_triangle_ring_clear(&ring);
-    pal_neighbours_clear(&near);
-    return status;
 }

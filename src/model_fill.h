@@ -1,4 +1,4 @@
-/// @file model_fill.h  Everything of a model but its compliance: nodes, sets, probes, skin, facts.
+/// @file model_fill.h  Everything of a model but its compliance: nodes, sets, probes, facts.
 #ifndef PALPATE_SRC_MODEL_FILL_H
 #define PALPATE_SRC_MODEL_FILL_H
 
@@ -16,10 +16,5 @@
 ///         _STENCIL, _MEMORY
 pal_status pal_model_fill(const pal_scene *scene, const pal_cloud *cloud, const pal_node_sets *sets,
                           pal_model *model, pal_probe_weights *probes, pal_error *error);
-
-/// Skin: weights of the surface file's vertices on the stored surface rows (barycentric on the
-/// nearest cloud triangle). Nothing to do (and no skin) without vertices or without stored rows.
-pal_status pal_model_fill_skin(const pal_skin_source *skin, const pal_cloud *cloud, pal_model *model,
-                               pal_error *error);
 
 #endif

@@ -21,6 +21,7 @@
 #include "src/model_fill.h"
 #include "src/scene.h"
 #include "src/scene_check.h"
+#include "src/skin.h"
 
 static double seconds_now(void) {
     struct timespec t;
@@ -76,7 +77,7 @@ static pal_status build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const
         status = pal_model_fill(scene, cloud, sets, model, probes, error);
     }
     if (status == PALPATE_OK) {
-        status = pal_model_fill_skin(skin, cloud, model, error);
+        status = pal_skin_fill(scene, skin, cloud, model, error);
     }
     if (status == PALPATE_OK) {
         status = pal_memory_plan_check(&model->info, error);
@@ -163,8 +164,7 @@ static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_pr
         status = pal_model_check(model, error);
     }
     pal_node_sets_clear(&sets);
-    free(skin.position);
-    free(skin.triangle);
+    pal_skin_clear(&skin);
     pal_cloud_clear(&cloud);
     if (status != PALPATE_OK) {
         pal_model_free(model);

@@ -72,6 +72,13 @@ typedef struct pal_scene_probe {
     pal_place place;
 } pal_scene_probe;
 
+/// The mesh that a host draws; an empty path: none given.
+typedef struct pal_scene_skin {
+    char path[1024]; ///< absolute
+    double scale;    ///< metres per file unit
+    pal_place place;
+} pal_scene_skin;
+
 typedef enum pal_store_rows { PALPATE_STORE_NONE, PALPATE_STORE_SURFACE, PALPATE_STORE_ALL } pal_store_rows;
 
 struct pal_scene {
@@ -103,6 +110,7 @@ struct pal_scene {
     pal_store_rows store_rows;
     pal_precision precision;
     double store_tolerance;  ///< 0: none
+    pal_scene_skin skin;
     pal_runtime_config runtime;
     char *canonical;         ///< canonical text of the physics part with all defaults (hashed)
     int32_t warning_count;
@@ -124,13 +132,16 @@ int pal_select(const pal_selector_list *list, const double x[3], double body_siz
 /// How far a point lies outside the nearest selector of the list [m]; 0: inside one.
 double pal_select_distance(const pal_selector_list *list, const double x[3]);
 
-/// Build the node cloud of a scene (geometry.c, cloud_build.c; starts the mesher process).
-/// @param[out] rest_skin  may be NULL; see struct
+/// The mesh to draw, vertices as its file numbers them (skin.h).
 typedef struct pal_skin_source {
     int32_t vertex_count, triangle_count;
     double *position;   ///< (vertex_count x 3) [m], physical
     int32_t *triangle;  ///< (triangle_count x 3)
+    int32_t *twin;      ///< (vertex_count) one vertex for all at the same place
 } pal_skin_source;
+
+/// Build the node cloud of a scene (geometry.c, cloud_build.c; starts the mesher process).
+/// @param[out] skin  may be NULL; freed with pal_skin_clear
 pal_status pal_cloud_build(pal_scene *scene, const pal_progress *progress, pal_cloud *cloud,
                            pal_skin_source *skin, pal_error *error);
 

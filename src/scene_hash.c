@@ -1,8 +1,8 @@
 /// Canonical text and content hash of a scene.
 ///
 /// The hash names a cached model, so it covers all that determines one: the canonical text
-/// (defaults filled in, numbers by value and not by spelling), the surface file's content (not its
-/// path), the program's version and the revision of its numerics. Tools and rates are not part of
+/// (defaults filled in, numbers by value and not by spelling), the surface and skin files' content
+/// (not their paths), the program's version and the revision of its numerics. Tools and rates are not part of
 /// it.
 #include <errno.h>
 #include <stdarg.h>
@@ -15,7 +15,7 @@
 #include "src/scene_hash.h"
 
 /// Raise it when the same scene gives a different model (cloud, discretization, solution, storage).
-#define PALPATE_PHYSICS_REVISION 1
+#define PALPATE_PHYSICS_REVISION 2
 
 /// Text that grows; once an allocation has failed nothing more is written.
 typedef struct text {
@@ -140,6 +140,9 @@ pal_status pal_scene_write_canonical(pal_scene *scene, pal_error *error) {
     put(f, "repair %d\ncertify %d\nstore %d precision %d tolerance %.17g\n", (int)scene->symmetrize,
         (int)scene->certify_warn, (int)scene->store_rows, (int)scene->precision,
         scene->store_tolerance);
+    if (scene->skin.path[0] != '\0') {
+        put(f, "skin scale %.17g\n", scene->skin.scale);
+    }
     if (out.failed) {
         free(out.start);
         return pal_fail(error, PALPATE_ERROR_MEMORY, "%.300s: out of memory", scene->shown);
@@ -150,14 +153,14 @@ pal_status pal_scene_write_canonical(pal_scene *scene, pal_error *error) {
 }
 
 /// Add a file's content to a hash.
-static pal_status hash_file(pal_hash *hash, const pal_scene *scene, pal_error *error) {
+static pal_status hash_file(pal_hash *hash, const pal_scene *scene, const char *path,
+                            const pal_place *place, pal_error *error) {
     char where[1400];
-    (void)pal_place_text(scene, &scene->geometry.place, where, sizeof where);
-    FILE *file = fopen(scene->geometry.path, "rb");
+    (void)pal_place_text(scene, place, where, sizeof where);
+    FILE *file = fopen(path, "rb");
     if (file == NULL) {
         return pal_fail(error, errno == ENOMEM ? PALPATE_ERROR_MEMORY : PALPATE_ERROR_IO,
-                        "%.300s: %.400s cannot be read (%s)", where, scene->geometry.path,
-                        strerror(errno));
+                        "%.300s: %.400s cannot be read (%s)", where, path, strerror(errno));
     }
     unsigned char buffer[8192];
     size_t n;
@@ -167,8 +170,7 @@ static pal_status hash_file(pal_hash *hash, const pal_scene *scene, pal_error *e
     int bad = ferror(file);
     (void)fclose(file);
     if (bad) {
-        return pal_fail(error, PALPATE_ERROR_IO, "%.300s: %.400s cannot be read", where,
-                        scene->geometry.path);
+        return pal_fail(error, PALPATE_ERROR_IO, "%.300s: %.400s cannot be read", where, path);
     }
     return PALPATE_OK;
 }
@@ -186,7 +188,16 @@ pal_status pal_scene_hash(const pal_scene *scene, char hex[65], pal_error *error
     pal_hash_update(&hash, head, strlen(head));
     pal_hash_update(&hash, scene->canonical, strlen(scene->canonical) + 1);
     if (scene->geometry.kind == PALPATE_GEOMETRY_FILE) {
-        pal_status status = hash_file(&hash, scene, error);
+        pal_status status =
+            hash_file(&hash, scene, scene->geometry.path, &scene->geometry.place, error);
+        if (status != PALPATE_OK) {
+            return status;
+        }
+    }
+    if (scene->skin.path[0] != '\0') {
+        const char *dot = strrchr(scene->skin.path, '.'); // the extension chooses the reader
+        pal_hash_update(&hash, dot != NULL ? dot : "", dot != NULL ? strlen(dot) + 1 : 1);
+        pal_status status = hash_file(&hash, scene, scene->skin.path, &scene->skin.place, error);
         if (status != PALPATE_OK) {
             return status;
         }

@@ -284,6 +284,11 @@ pal_status pal_rule_body(pal_reading *r, const pal_value *value, void *object) {
 
 pal_status pal_rule_root(pal_reading *r, const pal_value *value, void *object) {
     const struct pal_scene *scene = object;
+    if (scene->skin.path[0] != '\0' && scene->store_rows == PALPATE_STORE_NONE) {
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_key(value, "skin"), "skin",
+                                "a mesh to draw and store: {displacement: none}",
+                                "displacement: surface or all", "change one of them");
+    }
     if (scene->touchable.count == 0 && scene->patch_count == 0) {
         const pal_value *body = pal_value_get(value, "body");
         return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_get(body, "touchable"),

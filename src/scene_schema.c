@@ -263,6 +263,16 @@ static const pal_scene_key KEYS[] = {
            "relative error allowed in compressing the displacement rows; 0: none", struct pal_scene,
            store_tolerance, FLAGS(PALPATE_KEY_NOT_BUILT_UNLESS_0)),
 
+    MAP("skin", "(the body's surface file, or its own surface)",
+        "the mesh that a host draws: displacement and normals can be asked for at its vertices",
+        PLACE(struct pal_scene, skin.place)),
+    {"skin.file", "path", "", "an STL, OBJ or PLY file", "required",
+     "any triangles near the body's surface; the vertices keep their order; relative to the scene file",
+     BIND(.kind = PALPATE_KEY_PATH, AT(struct pal_scene, skin.path),
+          FLAGS(PALPATE_KEY_REQUIRED | PALPATE_KEY_EXISTS))},
+    NUMBER("skin.scale", "m", POSITIVE, "1", "metres per unit of that file", struct pal_scene,
+           skin.scale),
+
     // ---- tools
     {"tools", "list", "", "mappings, at most 8", "[]", "what touches the body",
      BIND(.kind = PALPATE_KEY_LIST, AT(struct pal_scene, runtime.tools),

@@ -22,6 +22,20 @@ void pal_surface_clear(pal_surface *s);
 /// @return PALPATE_OK; PALPATE_ERROR_IO (no file, not a surface), _GEOMETRY (not finite, empty), _MEMORY
 pal_status pal_surface_read(const char *path, pal_surface *out, pal_error *error);
 
+/// The same, each vertex once and numbered as the file numbers it: `v` lines of an OBJ file, elements
+/// of a PLY file, used or not, several at one place or not. An STL file numbers none: welded, in the
+/// order of first use. Polygons of an OBJ file become fans.
+/// @return as pal_surface_read
+pal_status pal_surface_read_in_order(const char *path, pal_surface *out, pal_error *error);
+
+/// OBJ for pal_surface_read_in_order (obj_read.c).
+pal_status pal_obj_read(const char *path, pal_surface *out, pal_error *error);
+
+/// Vertices at the same place (within 1e-6 of the extent).
+/// @param[out] same  (vertex_count) one vertex for all of a place, itself when it is alone
+/// @return PALPATE_OK; _MEMORY
+pal_status pal_surface_twins(const pal_surface *s, int32_t *same, pal_error *error);
+
 /// Check that the surface bounds a body; repair what is unambiguous (duplicate and collapsed
 /// triangles are dropped, orientation made consistent and outward).
 /// @param unit      metres per file unit, for coordinates in messages
@@ -37,8 +51,5 @@ pal_status pal_surface_body(pal_scene *scene, pal_body *body, pal_error *error);
 /// @param size  may be made finer where the surface is thinner than the spacing
 pal_status pal_surface_remesh(pal_scene *scene, pal_body *body, pal_size_field *size,
                               const pal_progress *progress, pal_error *error);
-
-/// The input surface in metres, for rendering.
-pal_status pal_surface_skin(const pal_body *body, pal_skin_source *skin, pal_error *error);
 
 #endif

@@ -282,21 +282,3 @@ pal_status pal_surface_remesh(pal_scene *scene, pal_body *body, pal_size_field *
     }
     return status;
 }
-
-pal_status pal_surface_skin(const pal_body *body, pal_skin_source *skin, pal_error *error) {
-    skin->position = malloc(3 * (size_t)body->input_vertices * sizeof *skin->position);
-    skin->triangle = malloc(3 * (size_t)body->input_triangles * sizeof *skin->triangle);
-    if (skin->position == NULL || skin->triangle == NULL) {
-        free(skin->position);
-        free(skin->triangle);
-        memset(skin, 0, sizeof *skin);
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "cloud: no memory for the surface to show");
-    }
-    skin->vertex_count = body->input_vertices;
-    skin->triangle_count = body->input_triangles;
-    for (size_t i = 0; i < 3 * (size_t)body->input_vertices; i++) {
-        skin->position[i] = body->input_x[i] * body->length;
-    }
-    memcpy(skin->triangle, body->input_v, 3 * (size_t)body->input_triangles * sizeof *skin->triangle);
-    return PALPATE_OK;
-}

@@ -97,14 +97,10 @@ static pal_status copy_scene(const struct aiScene *scene, pal_surface *out, pal_
     return PALPATE_OK;
 }
 
-/// Give vertices at the same place one number, drop unused ones.
-static pal_status weld(pal_surface *s, pal_error *error) {
+pal_status pal_surface_twins(const pal_surface *s, int32_t *same, pal_error *error) {
     size_t n = (size_t)s->vertex_count;
     sorted *order = malloc(n * sizeof *order);
-    int32_t *same = malloc(n * sizeof *same);
-    if (order == NULL || same == NULL) {
-        free(order);
-        free(same);
+    if (order == NULL) {
         return pal_fail(error, PALPATE_ERROR_MEMORY, "no memory to weld %zu vertices", n);
     }
     double extent = 0.0;
@@ -134,13 +130,27 @@ static pal_status weld(pal_surface *s, pal_error *error) {
             }
         }
     }
-    // renumber in the order of first use
-    int32_t *number = (int32_t *)(void *)order; // n int32 fit where n pairs were
+    free(order);
+    return PALPATE_OK;
+}
+
+/// Give vertices at the same place one number, in the order of first use; drop unused ones.
+static pal_status weld(pal_surface *s, pal_error *error) {
+    size_t n = (size_t)s->vertex_count;
+    int32_t *same = malloc(n * sizeof *same);
+    int32_t *number = malloc(n * sizeof *number);
     double *x = malloc(3 * n * sizeof *x);
-    if (x == NULL) {
-        free(order);
+    pal_status status = PALPATE_OK;
+    if (same == NULL || number == NULL || x == NULL) {
+        status = pal_fail(error, PALPATE_ERROR_MEMORY, "no memory to weld %zu vertices", n);
+    } else {
+        status = pal_surface_twins(s, same, error);
+    }
+    if (status != PALPATE_OK) {
         free(same);
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "no memory to weld %zu vertices", n);
+        free(number);
+        free(x);
+        return status;
     }
     int32_t count = 0;
     for (size_t i = 0; i < n; i++) {
@@ -157,7 +167,7 @@ static pal_status weld(pal_surface *s, pal_error *error) {
     free(s->x);
     s->x = x;
     s->vertex_count = count;
-    free(order);
+    free(number);
     free(same);
     return PALPATE_OK;
 }
@@ -203,7 +213,8 @@ static const char *look_at(const char *path) {
     return why;
 }
 
-pal_status pal_surface_read(const char *path, pal_surface *out, pal_error *error) {
+/// @param welding  1: one vertex per place; 0: as the importer numbers them
+static pal_status import(const char *path, int welding, pal_surface *out, pal_error *error) {
     memset(out, 0, sizeof *out);
     if (access(path, R_OK) != 0) {
         return pal_fail(error, PALPATE_ERROR_IO, "%s: %s", path, strerror(errno));
@@ -214,15 +225,15 @@ pal_status pal_surface_read(const char *path, pal_surface *out, pal_error *error
                         why);
     }
     struct aiPropertyStore *options = aiCreatePropertyStore();
-    const struct aiScene *scene = aiImportFileExWithProperties(
-        path, aiProcess_Triangulate | aiProcess_PreTransformVertices, NULL, options);
+    unsigned flags = aiProcess_Triangulate | (welding ? aiProcess_PreTransformVertices : 0u);
+    const struct aiScene *scene = aiImportFileExWithProperties(path, flags, NULL, options);
     pal_status status;
     if (scene == NULL) {
         status = pal_fail(error, PALPATE_ERROR_IO,
                           "%s: not a readable surface (STL, OBJ or PLY): %s", path, aiGetErrorString());
     } else {
         status = copy_scene(scene, out, error);
-        if (status == PALPATE_OK) {
+        if (status == PALPATE_OK && welding) {
             status = weld(out, error);
         }
         if (status != PALPATE_OK) {
@@ -237,4 +248,15 @@ pal_status pal_surface_read(const char *path, pal_surface *out, pal_error *error
         pal_surface_clear(out);
     }
     return status;
+}
+
+pal_status pal_surface_read(const char *path, pal_surface *out, pal_error *error) {
+    return import(path, 1, out, error);
+}
+
+pal_status pal_surface_read_in_order(const char *path, pal_surface *out, pal_error *error) {
+    if (has_extension(path, "obj")) {
+        return pal_obj_read(path, out, error);
+    }
+    return import(path, !has_extension(path, "ply"), out, error);
 }

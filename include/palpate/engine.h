@@ -147,8 +147,12 @@ PALPATE_API pal_reader *pal_engine_reader(pal_engine *engine, int32_t index);
 /// 0: the same one again, -1: nothing published yet. Thread: the reader's.
 PALPATE_API int pal_engine_snapshot(pal_reader *reader, pal_frame *frame);
 
-/// Displacement [m] and (optional) deformed unit normals at the model's skin vertices (the surface
-/// file's, or the cloud's own surface when there is none), from a frame.
+/// Displacement [m] and (optional) deformed unit normals at the model's skin vertices, from a frame.
+/// The skin is the mesh that the scene names (`skin: {file: ...}`), else the surface file the body was
+/// made from, else the cloud's own surface. Vertices are numbered as in an OBJ file's `v` lines or a
+/// PLY file's elements, so that the host's texture coordinates and buffers fit (STL files number
+/// none: one vertex per place, in the order of first use). Vertices at the same place (where textures
+/// are cut) share one normal.
 /// @param[out] displacement shape [skin_count, 3]
 /// @param[out] normal       shape [skin_count, 3] or NULL; (0, 0, 0) at a vertex of no triangle
 /// skin_count is pal_model_info's. Rows that are not stored count as displacement 0.
@@ -156,7 +160,8 @@ PALPATE_API int pal_engine_snapshot(pal_reader *reader, pal_frame *frame);
 /// Thread: the reader's. Cost: O(skin_count).
 PALPATE_API pal_status pal_model_skin(const pal_model *model, const pal_frame *frame,
                                       float *displacement, float *normal);
-/// The skin's rest positions [m], shape [skin_count, 3], and triangles, shape [count, 3].
+/// The skin's rest positions [m], shape [skin_count, 3], and triangles, shape [count, 3]; where several
+/// vertices lie at the same place, all triangles name the same one of them.
 PALPATE_API const double *pal_model_skin_positions(const pal_model *model);
 PALPATE_API const int32_t *pal_model_skin_triangles(const pal_model *model, int32_t *count);
 

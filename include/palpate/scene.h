@@ -25,7 +25,7 @@ PALPATE_API const pal_runtime_config *pal_scene_runtime(const pal_scene *scene);
 
 /// Content hash (hex, 64 characters) of all that determines the model: geometry (file contents
 /// included), spacing, refinement, material, supports, touchable, patches, probes, method, repair,
-/// store and the format version. Tools and rates are not part of it.
+/// store, skin (its file's contents included) and the format version. Tools and rates are not part of it.
 /// @param[out] hex  at least 65 bytes
 PALPATE_API pal_status pal_scene_hash(const pal_scene *scene, char hex[65], pal_error *error);
 

@@ -352,6 +352,11 @@ static void check_finds_every_kind_of_damage(void **state) {
     REFUSED_VALUE(m->skin_position[2], NAN);
     REFUSED_VALUE(m->skin_triangle[0], m->info.skin_count);
     REFUSED_VALUE(m->skin_triangle_count, -1);
+    REFUSED_VALUE(m->skin_twin[0], m->info.skin_count);
+    REFUSED_VALUE(m->skin_twin[0], -1);
+    m->skin_twin[2] = 1;
+    REFUSED_VALUE(m->skin_twin[1], 0);
+    m->skin_twin[2] = 2;
     REFUSED_VALUE(m->skin_row[0], m->info.row_count);
     REFUSED_VALUE(m->skin_row[0], -2);
     REFUSED_VALUE(m->skin_weight[0], NAN);

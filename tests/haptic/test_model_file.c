@@ -238,6 +238,7 @@ static void assert_same_models(const pal_model *a, const pal_model *b) {
     assert_int_equal(a->skin_triangle_count, b->skin_triangle_count);
     SAME(skin_position, 3 * i->skin_count);
     SAME(skin_triangle, 3 * a->skin_triangle_count);
+    SAME(skin_twin, i->skin_count);
     SAME(skin_row, PALPATE_SKIN_WEIGHTS * i->skin_count);
     SAME(skin_weight, PALPATE_SKIN_WEIGHTS * i->skin_count);
     assert_int_equal(a->scene_text == NULL, b->scene_text == NULL);

@@ -112,6 +112,47 @@ test_that "${u:-0} > 0.5 * 0.004 && ${u:-0} < 1.05 * 0.004"
 check "the surface follows (${u:-none} m of 0.004 m)" $?
 test_that "$(awk '$1 == "normal_lengths" { print "(" $2 " > 0.9999 && " $3 " < 1.0001)" }' "$work/out")"
 check "normals are unit" $?
+# Its own mesh, in millimetres and finer than the nodes: the pole (vertex 1) and 12 rings of 48 vertices
+# around it, textured by angle and ring. The texture is cut at angle 0: 48 + 1 texture columns.
+awk 'BEGIN { m = 48; k = 12; pi = atan2(0, -1)
+	print "v 0 0 50"
+	for (i = 1; i <= k; i++) for (j = 0; j < m; j++) {
+		a = 0.06 * i; b = 2 * pi * j / m
+		printf "v %.9g %.9g %.9g\n", 50 * sin(a) * cos(b), 50 * sin(a) * sin(b), 50 * cos(a) }
+	for (i = 0; i <= k; i++) for (j = 0; j <= m; j++) printf "vt %.9g %.9g\n", j / m, i / k
+	for (i = 0; i < k; i++) for (j = 0; j < m; j++) {
+		q = (j + 1) % m; t = i * (m + 1) + j + 1; u = t + m + 1
+		a = i ? 2 + (i - 1) * m + j : 1; b = i ? 2 + (i - 1) * m + q : 1
+		c = 2 + i * m + j; d = 2 + i * m + q
+		printf "f %d/%d %d/%d %d/%d\n", a, t, c, u, d, u + 1
+		if (i) printf "f %d/%d %d/%d %d/%d\n", a, t, d, u + 1, b, t + 1 } }' >"$work/dome.obj"
+{ cat "$work/scene.yaml"; echo 'skin: {file: dome.obj, scale: 0.001}'; } >"$work/dressed.yaml"
+(cd "$work" && palpate precompute dressed.yaml -o dressed.palpate) >"$work/log" 2>&1
+check "palpate precompute with skin: {file: dome.obj}" $?
+LD_LIBRARY_PATH=$prefix/lib "$work/trainer" "$work/dressed.palpate" 0.5 "$work/dome.obj" 0.001 "$work/pressed.obj" \
+	>"$work/out" 2>"$work/log"
+check "the trainer draws its own textured mesh" $?
+cat "$work/out" >>"$work/log"
+# the pole has 48 texture coordinates, each ring's first vertex two
+[ "$(value "$work/out" skin_vertices)" -eq 577 ] && [ "$(value "$work/out" vertices)" -eq $((577 + 47 + 12)) ]
+check "577 vertices, 636 entries of the vertex buffer" $?
+u=$(value "$work/out" deepest_vertex)
+# the tool ends 4 mm below the pole's rest height; the mesh has a vertex there
+test_that "${u:-0} > 0.8 * 0.004 && ${u:-0} < 1.05 * 0.004"
+check "its vertices follow the tool (${u:-none} m of 0.004 m)" $?
+test_that "$(awk '$1 == "normal_lengths" { print "(" $2 " > 0.9999 && " $3 " < 1.0001)" }' "$work/out")"
+check "with unit normals" $?
+# every corner of the written mesh: texture as in the file, place as in the file but for the displacement
+corners() { awk -v s="$2" '$1 == "v" { v[++n] = $2 * s " " $3 * s " " $4 * s } $1 == "vt" { t[++m] = $2 " " $3 }
+	$1 == "f" { for (i = 2; i <= 4; i++) { split($i, p, "/"); print v[p[1]], t[p[2]] } }' "$1"; }
+corners "$work/dome.obj" 0.001 >"$work/a"
+corners "$work/pressed.obj" 1 >"$work/b"
+paste -d' ' "$work/a" "$work/b" | awk '{ d = (($1-$6)^2 + ($2-$7)^2 + ($3-$8)^2)^0.5; if (d > e) e = d
+	if (d > 0.0045 || ($4-$9)^2 + ($5-$10)^2 > 1e-12) bad++ } END { exit !(NR == 3 * 1104 && !bad && e > 0.003) }'
+check "and every corner keeps its texture coordinates" $?
+! LD_LIBRARY_PATH=$prefix/lib "$work/trainer" "$work/m.palpate" 0.1 "$work/dome.obj" 0.001 >"$work/log" 2>&1 &&
+	grep -q 'skin:' "$work/log"
+check "a model made without that mesh is told from one made with it" $?
 # shellcheck disable=SC2046
 "$CC" -std=c17 -D_GNU_SOURCE "$PALPATE_SOURCE/haptic/program/embed/trainer.c" $(pkg-config --cflags palpate) \
 	"$prefix/lib/libpalpate.a" $(pkg-config --static --libs palpate | sed 's/-lpalpate//') \

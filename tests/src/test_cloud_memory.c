@@ -15,6 +15,7 @@
 
 #include <cmocka.h>
 
+#include "src/skin.h"
 #include "tests/support/clouds.h"
 #include "tests/support/surfaces.h"
 
@@ -105,8 +106,7 @@ static long attempt(test_scene *t, long n, pal_status *status, int32_t *nodes) {
     if (*status == PALPATE_OK) {
         *nodes = c.node_count;
         pal_cloud_clear(&c);
-        free(skin.position);
-        free(skin.triangle);
+        pal_skin_clear(&skin);
     }
     watching = 0;
     if (balance != 0) {

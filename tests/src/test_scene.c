@@ -198,6 +198,8 @@ static const pair PAIRS[] = {
     {"body.patches.*.rim_spacing", "body.patches.pole.rim_spacing=auto",
      "body.patches.pole.rim_spacing=none"},
     {"body.probes.*", "body.probes.mid=[0, 0, 0.025]", "body.probes.mid=[0, 0, 0.02]"},
+    {"skin.file", "palpate=1", "skin={file: /proc/self/exe}"},
+    {"skin.scale", "skin={file: /proc/self/exe}", "skin={file: /proc/self/exe, scale: 0.1}"},
     {"method.kind", "method.kind=point", "method.kind=galerkin"},
     {"method.basis", "method={kind: point, basis: linear}", "method={kind: point, basis: cubic}"},
     {"method.derivatives", "method={kind: point}", "method={kind: point, derivatives: diffuse}"},

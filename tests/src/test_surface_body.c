@@ -14,6 +14,7 @@
 
 #include "src/bvh.h"
 #include "src/cloud.h"
+#include "src/skin.h"
 #include "tests/support/clouds.h"
 #include "tests/support/surfaces.h"
 
@@ -30,11 +31,6 @@ static pal_cloud build(test_scene *t, pal_skin_source *skin) {
         fail_msg("%s", e.message);
     }
     return c;
-}
-
-static void skin_clear(pal_skin_source *skin) {
-    free(skin->position);
-    free(skin->triangle);
 }
 
 static void a_cube_keeps_its_edges_and_corners(void **state) {
@@ -67,7 +63,7 @@ static void a_cube_keeps_its_edges_and_corners(void **state) {
     assert_int_equal(skin.triangle_count, 12);
     assert_int_equal(skin.vertex_count, 8);
     assert_true(fabs(skin.position[0] - 0.2) < 1e-12 || fabs(skin.position[0] - 0.3) < 1e-12);
-    skin_clear(&skin);
+    pal_skin_clear(&skin);
     pal_cloud_clear(&c);
     test_scene_clear(&t);
     (void)unlink(path);
@@ -135,7 +131,7 @@ static void a_sphere_file_has_its_rim_and_the_same_bits_at_any_scale(void **stat
             assert_memory_equal(c.tet, first.tet, 4 * (size_t)c.tet_count * sizeof(int32_t));
             pal_cloud_clear(&c);
         }
-        skin_clear(&skin);
+        pal_skin_clear(&skin);
         test_scene_clear(&t);
     }
     pal_cloud_clear(&first);

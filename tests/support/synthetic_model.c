@@ -392,7 +392,8 @@ static int make_skin(pal_model *model, const grid *g) {
     model->skin_row = calloc(PALPATE_SKIN_WEIGHTS * count, sizeof(int32_t));
     model->skin_weight = calloc(PALPATE_SKIN_WEIGHTS * count, sizeof(float));
     model->skin_triangle = calloc(3 * (size_t)model->skin_triangle_count, sizeof(int32_t));
-    if (model->skin_position == NULL || model->skin_row == NULL || model->skin_weight == NULL ||
+    model->skin_twin = calloc(count, sizeof(int32_t));
+    if (model->skin_twin == NULL || model->skin_position == NULL || model->skin_row == NULL || model->skin_weight == NULL ||
         model->skin_triangle == NULL) {
         return 0;
     }
@@ -400,6 +401,7 @@ static int make_skin(pal_model *model, const grid *g) {
     for (int32_t j = 0; j < side; j++) {
         for (int32_t i = 0; i < side; i++) {
             size_t v = (size_t)(j * side + i);
+            model->skin_twin[v] = (int32_t)v;
             int32_t corner[4] = {*at(g, i / 2, j / 2, 0), *at(g, (i + 1) / 2, j / 2, 0),
                                  *at(g, i / 2, (j + 1) / 2, 0),
                                  *at(g, (i + 1) / 2, (j + 1) / 2, 0)};
