@@ -174,7 +174,8 @@ static double box_distance2(const pal_bvh_box *box, const double x[3]) {
     return sum;
 }
 
-int32_t pal_bvh_closest(const pal_bvh *bvh, const double x[3], double point[3], double *distance) {
+int32_t pal_bvh_closest(const pal_bvh *bvh, const double x[3], const double *side, double point[3],
+                        double *distance) {
     int32_t stack[2 * DEPTH], top = 0, found = -1;
     double best = HUGE_VAL;
     if (bvh->box_count > 0) {
@@ -195,12 +196,19 @@ int32_t pal_bvh_closest(const pal_bvh *bvh, const double x[3], double point[3], 
         }
         for (int32_t i = box->first; i < box->first + box->count; i++) {
             const int32_t *v = bvh->v + 3 * (size_t)bvh->order[i];
-            double p[3], d[3];
-            closest_on_triangle(x, bvh->x + 3 * (size_t)v[0], bvh->x + 3 * (size_t)v[1],
-                                bvh->x + 3 * (size_t)v[2], p);
+            const double *a = bvh->x + 3 * (size_t)v[0], *b = bvh->x + 3 * (size_t)v[1];
+            const double *c = bvh->x + 3 * (size_t)v[2];
+            double p[3], d[3], n[3];
+            closest_on_triangle(x, a, b, c, p);
             v3_sub(p, x, d);
             double d2 = v3_dot(d, d);
             if (d2 < best || (d2 == best && bvh->order[i] < found)) {
+                if (side != NULL) {
+                    v3_normal(a, b, c, n);
+                    if (v3_dot(n, side) <= 0.0) {
+                        continue;
+                    }
+                }
                 best = d2;
                 found = bvh->order[i];
                 if (point != NULL) {

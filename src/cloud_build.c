@@ -219,8 +219,8 @@ static pal_status check_size(pal_scene *scene, const pal_body *body, pal_error *
         for (int i = 0; i < 3; i++) {
             int j = (i + 1) % 3;
             int k = (i + 2) % 3;
-            low[i] = fmin(low[i], body->length * a[i]);
-            high[i] = fmax(high[i], body->length * a[i]);
+            low[i] = fmin(low[i], body->length * fmin(a[i], fmin(b[i], c[i])));
+            high[i] = fmax(high[i], body->length * fmax(a[i], fmax(b[i], c[i])));
             volume += a[i] * (b[j] * c[k] - b[k] * c[j]) / 6.0;
         }
     }

@@ -47,9 +47,10 @@ static void snap(pal_surface_mesh *m, const pal_shape *shape, int id) {
         } while (e != m->out[i]);
         pal_constraint_set set = pal_set_union(m->set[i], pal_set_one(id));
         int on = fabs(f) <= ON, corner = pal_smesh_kind(m, i, NULL) == PALPATE_VERTEX_CORNER;
-        double x[3];
+        double x[3], side[3];
         v3_copy(at(m, i), x);
-        if (!corner && fabs(f) <= 0.15 * shortest && pal_shape_project(shape, set, x) &&
+        pal_smesh_vertex_normal(m, i, side);
+        if (!corner && fabs(f) <= 0.15 * shortest && pal_shape_project(shape, set, side, x) &&
             fabs(pal_constraint_value(cut, x, NULL)) <= ON &&
             v3_distance(x, at(m, i)) < 0.25 * shortest && safe(m, i, x)) {
             v3_copy(x, m->x + 3 * (size_t)i);
@@ -103,7 +104,9 @@ pal_status pal_smesh_cut(pal_surface_mesh *m, const pal_shape *shape, int id, pa
         m->set[n] = pal_set_union(m->set[n], pal_set_one(id));
         v3_copy(x, moved);
         // onto the body's face again, still on the cut
-        if (pal_shape_project(shape, m->set[n], moved) &&
+        double side[3];
+        pal_smesh_vertex_normal(m, n, side);
+        if (pal_shape_project(shape, m->set[n], side, moved) &&
             fabs(pal_constraint_value(cut, moved, NULL)) <= ON &&
             v3_distance(moved, x) < 0.5 * v3_distance(at(m, a), at(m, b))) {
             v3_copy(moved, m->x + 3 * (size_t)n);

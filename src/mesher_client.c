@@ -60,6 +60,7 @@ static int directory_of(char *file) {
 static int try_beside(char *file, char *path, size_t size) {
     static const char *const place[] = {"/palpate-mesher", "/../palpate-mesher",
                                         "/../libexec/palpate/palpate-mesher",
+                                        "/../../libexec/palpate/palpate-mesher",
                                         "/../../palpate-mesher"};
     if (!directory_of(file)) {
         return 0;

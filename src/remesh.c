@@ -99,7 +99,9 @@ static pal_status split_long(pal_surface_mesh *m, const pal_shape *shape, const 
             break;
         }
         if (project) {
-            (void)pal_shape_project(shape, m->set[n], m->x + 3 * (size_t)n);
+            double side[3];
+            pal_smesh_vertex_normal(m, n, side);
+            (void)pal_shape_project(shape, m->set[n], side, m->x + 3 * (size_t)n);
         }
         m->h[n] = pal_size_at(size, at(m, n));
         (*done)++;
@@ -237,7 +239,9 @@ static pal_status balance_chain(pal_surface_mesh *m, const pal_shape *shape, con
             return pal_fail(error, PALPATE_ERROR_MEMORY, "surface: no memory for %d vertices",
                             m->vertex_count + 1);
         }
-        (void)pal_shape_project(shape, m->set[n], m->x + 3 * (size_t)n);
+        double side[3];
+        pal_smesh_vertex_normal(m, n, side);
+        (void)pal_shape_project(shape, m->set[n], side, m->x + 3 * (size_t)n);
         m->h[n] = pal_size_at(size, at(m, n));
     } else if (e >= 0 && !(collapse_allowed(m, e, 2.0) && pal_smesh_collapse(m, e)) &&
                collapse_allowed(m, m->twin[e], 2.0)) {
@@ -374,7 +378,8 @@ static void relax(pal_surface_mesh *m, const pal_shape *shape, const pal_size_fi
         if (kind == PALPATE_VERTEX_CORNER) {
             continue;
         }
-        double target[3], x[3];
+        double target[3], x[3], side[3];
+        pal_smesh_vertex_normal(m, i, side);
         if (kind == PALPATE_VERTEX_CURVE) {
             curve_target(m, i, along, target);
         } else {
@@ -384,7 +389,7 @@ static void relax(pal_surface_mesh *m, const pal_shape *shape, const pal_size_fi
             for (int c = 0; c < 3; c++) {
                 x[c] = at(m, i)[c] + step * (target[c] - at(m, i)[c]);
             }
-            if (pal_shape_project(shape, m->set[i], x) && move_is_safe(m, i, x, -1, 0.7)) {
+            if (pal_shape_project(shape, m->set[i], side, x) && move_is_safe(m, i, x, -1, 0.7)) {
                 v3_copy(x, m->x + 3 * (size_t)i);
                 m->h[i] = pal_size_at(size, x);
                 break;

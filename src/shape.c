@@ -142,9 +142,11 @@ static void snap_to_edges(const pal_shape *shape, double x[3], double q[3][3], i
     *used = 2;
 }
 
-static void snap_to_mesh(const pal_shape *shape, double x[3], double q[3][3], int *used) {
+static void snap_to_mesh(const pal_shape *shape, const double *side, double x[3], double q[3][3],
+                         int *used) {
     double point[3];
-    int32_t t = pal_bvh_closest(shape->mesh, x, point, NULL);
+    int32_t t = pal_bvh_closest(shape->mesh, x, side, point, NULL);
+    t = t < 0 ? pal_bvh_closest(shape->mesh, x, NULL, point, NULL) : t;
     if (t < 0) {
         return;
     }
@@ -161,7 +163,7 @@ static void snap_to_mesh(const pal_shape *shape, double x[3], double q[3][3], in
     }
 }
 
-int pal_shape_project(const pal_shape *shape, pal_constraint_set set, double x[3]) {
+int pal_shape_project(const pal_shape *shape, pal_constraint_set set, const double *side, double x[3]) {
     int kind_mesh = 0, kind_edges = 0;
     for (int i = 0; i < 4 && set.id[i] >= 0; i++) {
         kind_mesh |= shape->constraint[set.id[i]].kind == PALPATE_CONSTRAINT_MESH;
@@ -174,7 +176,7 @@ int pal_shape_project(const pal_shape *shape, pal_constraint_set set, double x[3
         if (kind_edges) {
             snap_to_edges(shape, x, q, &used);
         } else if (kind_mesh) {
-            snap_to_mesh(shape, x, q, &used);
+            snap_to_mesh(shape, side, x, q, &used);
         }
         for (int i = 0; i < 4 && set.id[i] >= 0; i++) {
             const pal_constraint *c = shape->constraint + set.id[i];

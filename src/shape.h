@@ -53,8 +53,10 @@ double pal_constraint_value(const pal_constraint *c, const double x[3], double g
 
 /// Move x to a nearby point that satisfies every constraint of the set (least-norm Newton steps;
 /// linearly dependent constraints are skipped).
+/// @param side  outward direction of the surface at x, to find the right side of the input
+///              triangulation (bvh.h); NULL: any
 /// @return 1 when the residual ended below 1e-11, else 0 (x is then the best point found)
-int pal_shape_project(const pal_shape *shape, pal_constraint_set set, double x[3]);
+int pal_shape_project(const pal_shape *shape, pal_constraint_set set, const double *side, double x[3]);
 
 /// Spacing: h(x) = min(cap, min over sources of (h_s + grading * distance to the source)).
 typedef struct pal_size_source {

@@ -46,8 +46,12 @@ pal_status pal_surface_check(pal_surface *s, double unit, int32_t *repaired, pal
 /// Body of a scene whose geometry is a file.
 pal_status pal_surface_body(pal_scene *scene, pal_body *body, pal_error *error);
 
-/// Remesh body->mesh to the spacing wanted, or keep the input's triangles when that fails its checks
-/// (with a warning).
+/// Mark the edges whose triangles' normals have a smaller cosine, where they form closed networks (ends
+/// that fade out are dropped, they would only pin single nodes), and hand their segments to the shape.
+pal_status pal_surface_sharpen(pal_body *body, double cosine, pal_error *error);
+
+/// Remesh body->mesh to the spacing wanted, or keep the input's triangles, cut where they are too long,
+/// when that fails its checks (with a warning).
 /// @param size  may be made finer where the surface is thinner than the spacing
 pal_status pal_surface_remesh(pal_scene *scene, pal_body *body, pal_size_field *size,
                               const pal_progress *progress, pal_error *error);

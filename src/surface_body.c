@@ -1,11 +1,6 @@
-/// @file surface_body.c  A body from a surface file: normalise, keep sharp edges, remesh, verify.
+/// @file surface_body.c  A body from a surface file: read, check, normalise, keep sharp edges.
 ///
-/// Remeshing moves nodes along the input surface (closest point), so nothing is lost but what the
-/// spacing cannot resolve. Verified afterwards: no self-intersection, enclosed volume within 1 %,
-/// every input vertex within a quarter of the local spacing. When that fails, the spacing is made finer
-/// where the mesh is furthest from the input (ridges thinner than the spacing) and the remeshing is
-/// repeated; if it still fails the input's own triangles are used, with a warning. (Gmsh's own remeshing of discrete surfaces
-/// loses 1.6 % of the liver's volume at 12.5 mm and cannot place nodes on a rim.) Thread: one scene.
+/// Thread: one scene.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,9 +10,7 @@
 #include "src/vec.h"
 
 static const double SHARP_COSINE = 0.5; // normals more than 60 degrees apart: an edge to keep
-static const double VOLUME_TOLERANCE = 0.01, DISTANCE_TOLERANCE = 0.25;
-static const double FARTHEST = 65536.0;
-enum { ATTEMPTS = 8, ROUNDS = 8 };
+static const double FARTHEST = 65536.0;  // sizes from the origin, as for primitives
 
 /// Normalise the checked surface into body->input_*.
 static pal_status take_input(const pal_scene *scene, const pal_surface *s, pal_body *body,
@@ -58,9 +51,7 @@ static pal_status take_input(const pal_scene *scene, const pal_surface *s, pal_b
     return pal_bvh_build(&body->input_tree, body->input_x, body->input_v, body->input_triangles, error);
 }
 
-/// Mark sharp edges that form closed networks (ends that fade out are dropped, they would only pin
-/// single nodes) and hand their segments to the shape.
-static pal_status keep_sharp_edges(pal_body *body, pal_error *error) {
+pal_status pal_surface_sharpen(pal_body *body, double cosine, pal_error *error) {
     pal_surface_mesh *m = &body->mesh;
     size_t edges = 3 * (size_t)m->triangle_count, count = 0;
     uint8_t *sharp = calloc(edges, 1);
@@ -73,7 +64,7 @@ static pal_status keep_sharp_edges(pal_body *body, pal_error *error) {
         double a[3], b[3];
         pal_smesh_normal(m, e / 3, -1, NULL, a);
         pal_smesh_normal(m, m->twin[e] / 3, -1, NULL, b);
-        sharp[e] = v3_dot(a, b) < SHARP_COSINE;
+        sharp[e] = v3_dot(a, b) < cosine;
         degree[m->v[e]] += sharp[e];
     }
     for (int changed = status == PALPATE_OK; changed;) {
@@ -94,6 +85,8 @@ static pal_status keep_sharp_edges(pal_body *body, pal_error *error) {
     if (status == PALPATE_OK && count > 0) {
         pal_constraint c = {PALPATE_CONSTRAINT_EDGES, {0.0, 0.0, 0.0}, 0.0};
         int id = pal_shape_add(&body->shape, &c);
+        free(body->shape.segment);
+        body->shape.segment_count = 0;
         body->shape.segment = malloc(6 * count * sizeof *body->shape.segment);
         if (id < 0 || body->shape.segment == NULL) {
             status = PALPATE_ERROR_MEMORY;
@@ -139,7 +132,7 @@ pal_status pal_surface_body(pal_scene *scene, pal_body *body, pal_error *error) 
                                  body->input_triangles, NULL, error);
     }
     if (status == PALPATE_OK) {
-        status = keep_sharp_edges(body, error);
+        status = pal_surface_sharpen(body, SHARP_COSINE, error);
     }
     if (status == PALPATE_OK && repaired > 0) {
         status = pal_scene_warn(scene, &scene->geometry.place,
@@ -149,136 +142,4 @@ pal_status pal_surface_body(pal_scene *scene, pal_body *body, pal_error *error) 
     }
     pal_surface_clear(&s);
     return status == PALPATE_OK ? status : pal_fail_prefix(error, status, "%s", place);
-}
-
-/// Does the mesh intersect itself?
-static pal_status crosses_itself(const pal_surface_mesh *m, pal_error *error) {
-    pal_surface copy = {m->vertex_count, m->triangle_count, NULL, NULL};
-    copy.x = malloc(3 * (size_t)m->vertex_count * sizeof *copy.x);
-    copy.v = malloc(3 * (size_t)m->triangle_count * sizeof *copy.v);
-    pal_status status = PALPATE_ERROR_MEMORY;
-    if (copy.x != NULL && copy.v != NULL) {
-        memcpy(copy.x, m->x, 3 * (size_t)m->vertex_count * sizeof *copy.x);
-        memcpy(copy.v, m->v, 3 * (size_t)m->triangle_count * sizeof *copy.v);
-        status = pal_surface_check(&copy, 1.0, NULL, error);
-    }
-    pal_surface_clear(&copy);
-    return status;
-}
-
-/// The input vertices' distances to the mesh over the spacing that the scene asks for there (the
-/// first `sources` of the field). @return the worst through *worst
-static pal_status measure_distance(const pal_body *body, const pal_size_field *size, int32_t sources,
-                                   double *distance, double *worst, pal_error *error) {
-    pal_size_field scene = *size;
-    scene.count = sources;
-    pal_bvh tree;
-    pal_status status = pal_bvh_build(&tree, body->mesh.x, body->mesh.v, body->mesh.triangle_count, error);
-    *worst = 0.0;
-    for (int32_t i = 0; i < body->input_vertices && status == PALPATE_OK; i++) {
-        const double *x = body->input_x + 3 * (size_t)i;
-        (void)pal_bvh_closest(&tree, x, NULL, distance + i);
-        distance[i] /= pal_size_at(&scene, x);
-        *worst = fmax(*worst, distance[i]);
-    }
-    pal_bvh_clear(&tree);
-    return status;
-}
-
-/// Ask for `factor` of the present spacing at input vertices further from the mesh than `limit`.
-static pal_status refine_distant(const pal_body *body, const double *distance, double limit,
-                                 double factor, pal_size_field *size, pal_error *error) {
-    int32_t present = size->count;
-    for (int32_t i = 0; i < body->input_vertices; i++) {
-        if (distance[i] > limit) {
-            const double *x = body->input_x + 3 * (size_t)i;
-            pal_size_field now = *size;
-            now.count = present;
-            pal_size_source s = {.radius = 0.0, .spacing = pal_grid(factor * pal_size_at(&now, x))};
-            v3_copy(x, s.a);
-            v3_copy(x, s.b);
-            if (pal_size_add(size, &s) != PALPATE_OK) {
-                return pal_fail(error, PALPATE_ERROR_MEMORY, "cloud: no memory for the spacing field");
-            }
-        }
-    }
-    return PALPATE_OK;
-}
-
-/// One attempt: remesh `body->mesh` and verify. *why is NULL when it is good; else `size` is finer
-/// where the mesh lies far from the input.
-static pal_status attempt(pal_body *body, pal_size_field *size, int32_t sources, double limit,
-                          double *distance, const char **why, const pal_progress *progress,
-                          pal_error *error) {
-    double before = pal_smesh_volume(&body->mesh), worst, factor = 0.6;
-    *why = NULL;
-    pal_status status = pal_smesh_remesh(&body->mesh, &body->shape, size, ROUNDS, progress, error);
-    if (status != PALPATE_OK) {
-        return status;
-    }
-    status = measure_distance(body, size, sources, distance, &worst, error);
-    if (status != PALPATE_OK) {
-        return status;
-    }
-    pal_error found = {0};
-    status = crosses_itself(&body->mesh, &found);
-    if (status == PALPATE_ERROR_MEMORY) {
-        return pal_fail(error, status, "cloud: no memory to check the remeshed surface");
-    }
-    if (status != PALPATE_OK) {
-        *why = "intersects itself";
-    } else if (worst > DISTANCE_TOLERANCE) {
-        *why = "leaves the input by more than a quarter of the spacing";
-    } else if (fabs(pal_smesh_volume(&body->mesh) - before) > VOLUME_TOLERANCE * before) {
-        *why = "changes the volume by more than 1 %";
-        // every vertex is close enough: chords lose volume where the surface bends most
-        limit = fmin(0.5 * worst, 0.6 * limit);
-        factor = 0.7;
-    }
-    return *why == NULL ? PALPATE_OK : refine_distant(body, distance, limit, factor, size, error);
-}
-
-/// Is every edge already within a factor of the spacing wanted?
-static int spacing_fits(pal_surface_mesh *m, const pal_size_field *size) {
-    for (int32_t e = 0; e < 3 * m->triangle_count; e++) {
-        const double *a = m->x + 3 * (size_t)m->v[e], *b = m->x + 3 * (size_t)pal_smesh_head(m, e);
-        double length = v3_distance(a, b), h = 0.5 * (pal_size_at(size, a) + pal_size_at(size, b));
-        if (length < 0.5 * h || length > 1.6 * h) {
-            return 0;
-        }
-    }
-    return 1;
-}
-
-pal_status pal_surface_remesh(pal_scene *scene, pal_body *body, pal_size_field *size,
-                              const pal_progress *progress, pal_error *error) {
-    if (spacing_fits(&body->mesh, size)) {
-        return PALPATE_OK;
-    }
-    pal_surface_mesh input = {0};
-    const char *why = NULL;
-    int32_t sources = size->count;
-    double limit = 0.8 * DISTANCE_TOLERANCE;
-    double *distance = malloc((size_t)body->input_vertices * sizeof *distance);
-    pal_status status = pal_smesh_copy(&input, &body->mesh, error);
-    if (status == PALPATE_OK && distance == NULL) {
-        status = pal_fail(error, PALPATE_ERROR_MEMORY, "cloud: no memory to check the surface");
-    }
-    for (int i = 0; i < ATTEMPTS && status == PALPATE_OK; i++, limit *= 0.8) {
-        status = attempt(body, size, sources, limit, distance, &why, progress, error);
-        if (status != PALPATE_OK || why == NULL) {
-            break;
-        }
-        pal_smesh_clear(&body->mesh);
-        status = pal_smesh_copy(&body->mesh, &input, error);
-    }
-    free(distance);
-    pal_smesh_clear(&input);
-    if (status == PALPATE_OK && why != NULL) {
-        size->count = sources;
-        status = pal_scene_warn(scene, &scene->spacing_place,
-                                "the surface keeps its own triangles: remeshing it to %g m %s",
-                                scene->spacing, why);
-    }
-    return status;
 }

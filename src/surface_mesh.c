@@ -10,6 +10,10 @@
 #include "haptic/error.h"
 #include "src/vec.h"
 
+/// A curve that turns by more than 75 degrees in a vertex has a corner there (a loop of five nodes
+/// turns by 72: small round rims have none).
+static const double CORNER_COSINE = 0.26;
+
 typedef struct half {
     uint64_t key; ///< smaller vertex << 32 | larger
     int32_t e;
@@ -170,9 +174,14 @@ int pal_smesh_kind(const pal_surface_mesh *m, int32_t vertex, int32_t along[2]) 
     if (count == 0) {
         return PALPATE_VERTEX_SMOOTH;
     }
-    return count == 2 && pal_set_equal(m->edge[found[0]], m->edge[found[1]])
-               ? PALPATE_VERTEX_CURVE
-               : PALPATE_VERTEX_CORNER;
+    if (count != 2 || !pal_set_equal(m->edge[found[0]], m->edge[found[1]])) {
+        return PALPATE_VERTEX_CORNER;
+    }
+    double u[3], w[3];
+    v3_sub(m->x + 3 * (size_t)pal_smesh_head(m, found[0]), m->x + 3 * (size_t)vertex, u);
+    v3_sub(m->x + 3 * (size_t)pal_smesh_head(m, found[1]), m->x + 3 * (size_t)vertex, w);
+    return -v3_dot(u, w) < CORNER_COSINE * v3_norm(u) * v3_norm(w) ? PALPATE_VERTEX_CORNER
+                                                                  : PALPATE_VERTEX_CURVE;
 }
 
 void pal_smesh_mark(pal_surface_mesh *m, int32_t e, pal_constraint_set set) {
@@ -409,6 +418,17 @@ double pal_smesh_normal(const pal_surface_mesh *m, int32_t t, int32_t vertex, co
         n[c] = norm > 0.0 ? n[c] / norm : 0.0;
     }
     return norm;
+}
+
+void pal_smesh_vertex_normal(const pal_surface_mesh *m, int32_t vertex, double n[3]) {
+    n[0] = n[1] = n[2] = 0.0;
+    int32_t e = m->out[vertex];
+    do {
+        double u[3];
+        double area = pal_smesh_normal(m, e / 3, -1, NULL, u);
+        v3_add(n, area, u, n);
+        e = pal_smesh_around(m, e);
+    } while (e != m->out[vertex]);
 }
 
 double pal_smesh_volume(const pal_surface_mesh *m) {

@@ -81,6 +81,9 @@ pal_status pal_smesh_compact(pal_surface_mesh *m, pal_error *error);
 double pal_smesh_normal(const pal_surface_mesh *m, int32_t t, int32_t vertex, const double moved[3],
                         double n[3]);
 
+/// Sum of the area vectors (times two) of the triangles around a vertex: the outward direction there.
+void pal_smesh_vertex_normal(const pal_surface_mesh *m, int32_t vertex, double n[3]);
+
 /// Enclosed volume.
 double pal_smesh_volume(const pal_surface_mesh *m);
 
