@@ -174,8 +174,8 @@ static double box_distance2(const pal_bvh_box *box, const double x[3]) {
     return sum;
 }
 
-int32_t pal_bvh_closest(const pal_bvh *bvh, const double x[3], const double *side, double point[3],
-                        double *distance) {
+static int32_t closest(const pal_bvh *bvh, const double x[3], const double *side, double point[3],
+                       double *distance) {
     int32_t stack[2 * DEPTH], top = 0, found = -1;
     double best = HUGE_VAL;
     if (bvh->box_count > 0) {
@@ -221,6 +221,15 @@ int32_t pal_bvh_closest(const pal_bvh *bvh, const double x[3], const double *sid
         *distance = sqrt(best);
     }
     return found;
+}
+
+int32_t pal_bvh_closest(const pal_bvh *bvh, const double x[3], double point[3], double *distance) {
+    return closest(bvh, x, NULL, point, distance);
+}
+
+int32_t pal_bvh_closest_side(const pal_bvh *bvh, const double x[3], const double side[3],
+                             double point[3], double *distance) {
+    return closest(bvh, x, side, point, distance);
 }
 
 void pal_bvh_overlap(const pal_bvh *bvh, const double low[3], const double high[3],

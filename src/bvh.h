@@ -27,12 +27,13 @@ pal_status pal_bvh_build(pal_bvh *bvh, const double *x, const int32_t *v, int32_
 void pal_bvh_clear(pal_bvh *bvh);
 
 /// Closest point of the triangles to x.
-/// @param side   NULL, or only triangles whose normal is less than 90 degrees from it count: near a
-///               sharp edge or in a thin sheet the other side may be closer
-/// @param[out] point  may be NULL. @return the triangle's number (smallest among equally close ones);
-///               -1 when none counts
-int32_t pal_bvh_closest(const pal_bvh *bvh, const double x[3], const double *side, double point[3],
-                        double *distance);
+/// @param[out] point  may be NULL. @return the triangle's number (smallest among equally close ones)
+int32_t pal_bvh_closest(const pal_bvh *bvh, const double x[3], double point[3], double *distance);
+
+/// The same among the triangles whose normal is less than 90 degrees from `side`: near a sharp edge or
+/// in a thin sheet the other side may be closer. @return -1 when there is none
+int32_t pal_bvh_closest_side(const pal_bvh *bvh, const double x[3], const double side[3],
+                             double point[3], double *distance);
 
 /// Call `visit` for every triangle whose box overlaps [low, high]; stops when it returns non-zero.
 void pal_bvh_overlap(const pal_bvh *bvh, const double low[3], const double high[3],

@@ -145,8 +145,8 @@ static void snap_to_edges(const pal_shape *shape, double x[3], double q[3][3], i
 static void snap_to_mesh(const pal_shape *shape, const double *side, double x[3], double q[3][3],
                          int *used) {
     double point[3];
-    int32_t t = pal_bvh_closest(shape->mesh, x, side, point, NULL);
-    t = t < 0 ? pal_bvh_closest(shape->mesh, x, NULL, point, NULL) : t;
+    int32_t t = side != NULL ? pal_bvh_closest_side(shape->mesh, x, side, point, NULL) : -1;
+    t = t < 0 ? pal_bvh_closest(shape->mesh, x, point, NULL) : t;
     if (t < 0) {
         return;
     }

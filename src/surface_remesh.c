@@ -101,7 +101,7 @@ static pal_status measure_distance(const pal_body *body, const pal_size_field *s
     *worst = 0.0;
     for (int32_t i = 0; i < s->count && status == PALPATE_OK; i++) {
         const double *x = s->x + 3 * (size_t)i;
-        (void)pal_bvh_closest(&tree, x, NULL, NULL, s->distance + i);
+        (void)pal_bvh_closest(&tree, x, NULL, s->distance + i);
         s->distance[i] /= pal_size_at(scene, x);
         *worst = fmax(*worst, s->distance[i]);
     }

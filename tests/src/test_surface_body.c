@@ -124,7 +124,7 @@ static void a_sphere_file_has_its_rim_and_the_same_bits_at_any_scale(void **stat
         int32_t on = 0, crossing = 0;
         for (int32_t k = 0; k < c.surface_count; k++) {
             double distance;
-            (void)pal_bvh_closest(&tree, c.position + 3 * (size_t)k, NULL, NULL, &distance);
+            (void)pal_bvh_closest(&tree, c.position + 3 * (size_t)k, NULL, &distance);
             assert_true(distance < 1e-9); // nodes lie on the input's triangles
         }
         pal_bvh_clear(&tree);
