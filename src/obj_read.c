@@ -1,10 +1,10 @@
 /// @file obj_read.c  Vertices and faces of a Wavefront OBJ file, numbered as the file numbers them.
 ///
-/// Assimp, which reads surfaces for the body, gives each corner of each face a vertex of its own and
-/// does not tell which `v` line it came from; a host addresses its textures by that line. Of the
-/// format only `v` and `f` matter here: "f a/b/c ..." with any of b and c left out, negative numbers
-/// counted from the last vertex, a backslash at the end of a line continuing it. Polygons become
-/// fans. Source: Wavefront, Advanced Visualizer manual, appendix B1 (1993). Thread: any.
+/// Assimp, which reads surfaces for the body, gives each corner of each face a vertex of its own
+/// and does not tell which `v` line it came from; a host addresses its textures by that line. Of
+/// the format only `v` and `f` matter here: "f a/b/c ..." with any of b and c left out, negative
+/// numbers counted from the last vertex, a backslash at the end of a line continuing it. Polygons
+/// become fans. Source: Wavefront, Advanced Visualizer manual, appendix B1 (1993). Thread: any.
 #include <locale.h>
 #include <math.h>
 #include <stdio.h>
@@ -26,8 +26,8 @@ typedef struct reading {
 
 static pal_status grow(reading *r, void **data, size_t *room, size_t needed, size_t element) {
     if (needed > 3 * (size_t)COUNT_MAX) {
-        return pal_fail(r->error, PALPATE_ERROR_GEOMETRY, "line %ld: more than %d vertices or triangles",
-                        r->line, COUNT_MAX);
+        return pal_fail(r->error, PALPATE_ERROR_GEOMETRY,
+                        "line %ld: more than %d vertices or triangles", r->line, COUNT_MAX);
     }
     if (needed > *room) {
         size_t larger = 2 * needed + 1024;
@@ -72,8 +72,8 @@ static pal_status read_face(reading *r, const char *p) {
         }
         n = n < 0 ? s->vertex_count + n : n - 1;
         if (errno != 0 || n < 0 || n >= COUNT_MAX) {
-            return pal_fail(r->error, PALPATE_ERROR_GEOMETRY, "line %ld: a face names a vertex that is not there",
-                            r->line);
+            return pal_fail(r->error, PALPATE_ERROR_GEOMETRY,
+                            "line %ld: a face names a vertex that is not there", r->line);
         }
         p = end + strcspn(end, " \t\r\n");
         int32_t corner = (int32_t)n;
@@ -95,8 +95,10 @@ static pal_status read_face(reading *r, const char *p) {
     }
 }
 
-/// The next line without its end, continued lines joined. @return 1; 0 at the end of the file, -1: memory
-static int next_line(reading *r, FILE *in, char **line, size_t *room, char **more, size_t *more_room) {
+/// The next line without its end, continued lines joined. @return 1; 0 at the end of the file, -1:
+/// memory
+static int next_line(reading *r, FILE *in, char **line, size_t *room, char **more,
+                     size_t *more_room) {
     ssize_t n = getline(line, room, in);
     r->line++;
     while (n >= 0) {
@@ -141,8 +143,10 @@ static pal_status read_lines(reading *r, FILE *in) {
         }
     }
     if (status == PALPATE_OK && got < 0) {
-        status = ferror(in) ? pal_fail(r->error, PALPATE_ERROR_IO, "line %ld: %s", r->line, strerror(errno))
-                            : pal_fail(r->error, PALPATE_ERROR_MEMORY, "no memory for line %ld", r->line);
+        status =
+            ferror(in)
+                ? pal_fail(r->error, PALPATE_ERROR_IO, "line %ld: %s", r->line, strerror(errno))
+                : pal_fail(r->error, PALPATE_ERROR_MEMORY, "no memory for line %ld", r->line);
     }
     free(line);
     free(more);
@@ -153,11 +157,12 @@ pal_status pal_obj_read(const char *path, pal_surface *out, pal_error *error) {
     memset(out, 0, sizeof *out);
     FILE *in = fopen(path, "rb");
     if (in == NULL) {
-        return pal_fail(error, errno == ENOMEM ? PALPATE_ERROR_MEMORY : PALPATE_ERROR_IO, "%s: %s", path,
-                        strerror(errno));
+        return pal_fail(error, errno == ENOMEM ? PALPATE_ERROR_MEMORY : PALPATE_ERROR_IO, "%s: %s",
+                        path, strerror(errno));
     }
     reading r = {.out = out, .error = error};
-    locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0); // 0.5 is 0.5 whatever the host's language
+    locale_t c =
+        newlocale(LC_ALL_MASK, "C", (locale_t)0); // 0.5 is 0.5 whatever the host's language
     pal_status status = PALPATE_ERROR_MEMORY;
     if (c == (locale_t)0) {
         (void)pal_fail(error, status, "no memory");

@@ -90,8 +90,8 @@ struct pal_scene {
     pal_geometry geometry;
     double spacing;     ///< [m]
     pal_place spacing_place;
-    double grading;     ///< growth of the spacing per unit distance from a refined zone
     int32_t refine_count;
+    double grading;     ///< growth of the spacing per unit distance from a refined zone
     pal_refine *refine;
     double young, poisson, density;
     pal_place young_place, poisson_place;

@@ -1,11 +1,11 @@
 /// @file skin.c  The mesh a host draws (see skin.h).
 ///
-/// A vertex x moves with the nearest point p of the cloud's surface: u(x) = sum_k w_k u(node_k), w the
-/// barycentric coordinates of p in its triangle (pal_bvh_closest, exact). They are positive and sum to
-/// one, so rigid motions of a triangle's nodes are followed exactly, and linear fields where x lies
-/// on the cloud's surface. The file's numbering is kept because texture coordinates and everything
-/// else that the host knows about a vertex are addressed by it. Exporters write a vertex twice where
-/// textures are cut; those twins share one normal, so that no cut shows. Thread: one.
+/// A vertex x moves with the nearest point p of the cloud's surface: u(x) = sum_k w_k u(node_k), w
+/// the barycentric coordinates of p in its triangle (pal_bvh_closest, exact). They are positive and
+/// sum to one, so rigid motions of a triangle's nodes are followed exactly, and linear fields where
+/// x lies on the cloud's surface. The file's numbering is kept because texture coordinates and
+/// everything else that the host knows about a vertex are addressed by it. Exporters write a vertex
+/// twice where textures are cut; those twins share one normal, so that no cut shows. Thread: one.
 #include "src/skin.h"
 
 #include <math.h>
@@ -31,11 +31,13 @@ static void turn_outward(const pal_body *body, pal_skin_source *skin) {
         int32_t *v = skin->triangle + 3 * t;
         double center[3], n[3], out[3], distance;
         for (size_t d = 0; d < 3; d++) {
-            center[d] = (skin->position[3 * (size_t)v[0] + d] + skin->position[3 * (size_t)v[1] + d] +
-                         skin->position[3 * (size_t)v[2] + d]) /
-                        (3.0 * body->length);
+            center[d] =
+                (skin->position[3 * (size_t)v[0] + d] + skin->position[3 * (size_t)v[1] + d] +
+                 skin->position[3 * (size_t)v[2] + d]) /
+                (3.0 * body->length);
         }
-        const int32_t *b = body->input_v + 3 * (size_t)pal_bvh_closest(&body->input_tree, center, NULL, &distance);
+        const int32_t *b =
+            body->input_v + 3 * (size_t)pal_bvh_closest(&body->input_tree, center, NULL, &distance);
         v3_normal(skin->position + 3 * (size_t)v[0], skin->position + 3 * (size_t)v[1],
                   skin->position + 3 * (size_t)v[2], n);
         v3_normal(body->input_x + 3 * (size_t)b[0], body->input_x + 3 * (size_t)b[1],
@@ -61,8 +63,9 @@ pal_status pal_skin_read(const pal_scene *scene, const pal_body *body, pal_skin_
         pal_surface_read_in_order(own ? scene->skin.path : scene->geometry.path, &s, error);
     if (status == PALPATE_OK) {
         skin->twin = malloc((size_t)s.vertex_count * sizeof *skin->twin);
-        status = skin->twin != NULL ? pal_surface_twins(&s, skin->twin, error)
-                                    : pal_fail(error, PALPATE_ERROR_MEMORY, "no memory for the skin");
+        status = skin->twin != NULL
+                     ? pal_surface_twins(&s, skin->twin, error)
+                     : pal_fail(error, PALPATE_ERROR_MEMORY, "no memory for the skin");
         skin->vertex_count = s.vertex_count;
         skin->triangle_count = s.triangle_count;
         skin->position = s.x;
@@ -74,9 +77,10 @@ pal_status pal_skin_read(const pal_scene *scene, const pal_body *body, pal_skin_
     if (status != PALPATE_OK) {
         char place[1400];
         pal_skin_clear(skin);
-        return pal_fail_prefix(
-            error, status, "%s",
-            pal_place_text(scene, own ? &scene->skin.place : &scene->geometry.place, place, sizeof place));
+        return pal_fail_prefix(error, status, "%s",
+                               pal_place_text(scene,
+                                              own ? &scene->skin.place : &scene->geometry.place,
+                                              place, sizeof place));
     }
     if (!own) {
         turn_outward(body, skin);
@@ -100,7 +104,8 @@ static far_report weigh(const pal_skin_source *skin, const pal_cloud *cloud, con
             x[d] = skin->position[3 * i + d] / cloud->length;
         }
         const int32_t *v = cloud->triangle + 3 * (size_t)pal_bvh_closest(tree, x, NULL, &distance);
-        (void)pal_triangle_nearest(cloud->position + 3 * (size_t)v[0], cloud->position + 3 * (size_t)v[1],
+        (void)pal_triangle_nearest(cloud->position + 3 * (size_t)v[0],
+                                   cloud->position + 3 * (size_t)v[1],
                                    cloud->position + 3 * (size_t)v[2], x, weight);
         for (size_t k = 0; k < PALPATE_SKIN_WEIGHTS; k++) {
             // rows of `surface` and `all` start with the surface nodes in order: row = node
@@ -126,19 +131,23 @@ static pal_status judge(pal_scene *scene, const pal_skin_source *skin, const pal
     }
     if (far->worst > 0.5 * size) {
         char place[1400];
-        return pal_fail(error, PALPATE_ERROR_SCENE,
-                        "%s: vertex %d lies at (%.3g, %.3g, %.3g) m, %.3g m from the surface of a body of %.3g m; "
-                        "allowed: half the body's size; give skin.scale, the metres per unit of the file, and "
-                        "the mesh in the body's frame",
-                        pal_place_text(scene, &scene->skin.place, place, sizeof place), (int)far->vertex + 1,
-                        x[0], x[1], x[2], far->worst, size);
+        return pal_fail(
+            error, PALPATE_ERROR_SCENE,
+            "%s: vertex %d lies at (%.3g, %.3g, %.3g) m, %.3g m from the surface of a body of %.3g "
+            "m; "
+            "allowed: half the body's size; give skin.scale, the metres per unit of the file, and "
+            "the mesh in the body's frame",
+            pal_place_text(scene, &scene->skin.place, place, sizeof place), (int)far->vertex + 1,
+            x[0], x[1], x[2], far->worst, size);
     }
     if (far->count > 0) {
         pal_status status = pal_scene_warn(
             scene, &scene->skin.place,
-            "%d of %d vertices lie further from the body's surface than the node spacing, up to %.3g m (vertex "
+            "%d of %d vertices lie further from the body's surface than the node spacing, up to "
+            "%.3g m (vertex "
             "%d at %.3g, %.3g, %.3g); they move with the surface point nearest to them",
-            (int)far->count, (int)skin->vertex_count, far->worst, (int)far->vertex + 1, x[0], x[1], x[2]);
+            (int)far->count, (int)skin->vertex_count, far->worst, (int)far->vertex + 1, x[0], x[1],
+            x[2]);
         return status == PALPATE_OK ? status : pal_fail(error, status, "no memory for the skin");
     }
     return PALPATE_OK;
@@ -160,7 +169,8 @@ pal_status pal_skin_fill(pal_scene *scene, const pal_skin_source *skin, const pa
         return pal_fail(error, PALPATE_ERROR_MEMORY, "no memory for a skin of %zu vertices", v);
     }
     pal_bvh tree;
-    pal_status status = pal_bvh_build(&tree, cloud->position, cloud->triangle, cloud->triangle_count, error);
+    pal_status status =
+        pal_bvh_build(&tree, cloud->position, cloud->triangle, cloud->triangle_count, error);
     if (status == PALPATE_OK) {
         memcpy(model->skin_position, skin->position, 3 * v * sizeof *skin->position);
         memcpy(model->skin_twin, skin->twin, v * sizeof *skin->twin);

@@ -140,12 +140,13 @@ static pal_status weld(pal_surface *s, pal_error *error) {
     int32_t *same = malloc(n * sizeof *same);
     int32_t *number = malloc(n * sizeof *number);
     double *x = malloc(3 * n * sizeof *x);
-    pal_status status = PALPATE_OK;
     if (same == NULL || number == NULL || x == NULL) {
-        status = pal_fail(error, PALPATE_ERROR_MEMORY, "no memory to weld %zu vertices", n);
-    } else {
-        status = pal_surface_twins(s, same, error);
+        free(same);
+        free(number);
+        free(x);
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "no memory to weld %zu vertices", n);
     }
+    pal_status status = pal_surface_twins(s, same, error);
     if (status != PALPATE_OK) {
         free(same);
         free(number);

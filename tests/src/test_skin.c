@@ -1,6 +1,6 @@
-/// The mesh that a host draws: read in its file's own order (OBJ, PLY), one normal at a seam, moved by
-/// interpolation between surface nodes (exact at nodes, on edges and for linear fields on planes),
-/// part of the content hash, refused with a place and a remedy.
+/// The mesh that a host draws: read in its file's own order (OBJ, PLY), one normal at a seam, moved
+/// by interpolation between surface nodes (exact at nodes, on edges and for linear fields on
+/// planes), part of the content hash, refused with a place and a remedy.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -31,17 +31,19 @@ static const char BOX[] = "palpate: 1\n"
                           "  fixed: [{below: {z: -0.02}}]\n"
                           "  touchable: [{ball: {center: [0, 0, 0], radius: 0.01}}]\n";
 
-static const char HEMISPHERE[] = "palpate: 1\n"
-                                 "body:\n"
-                                 "  geometry: {hemisphere: {radius: 0.05}}\n"
-                                 "  spacing: 0.015\n"
-                                 "  material: {young: 10e3, poisson: 0.3}\n"
-                                 "  fixed: [{below: {z: 0}}]\n"
-                                 "  touchable: [{ball: {center: [0, 0, 0.05], radius: 0.02}}]\n"
-                                 "tools: [{shape: {sphere: {radius: 0.01}}, start: [0, 0, 0.06]}]\n";
+static const char HEMISPHERE[] =
+    "palpate: 1\n"
+    "body:\n"
+    "  geometry: {hemisphere: {radius: 0.05}}\n"
+    "  spacing: 0.015\n"
+    "  material: {young: 10e3, poisson: 0.3}\n"
+    "  fixed: [{below: {z: 0}}]\n"
+    "  touchable: [{ball: {center: [0, 0, 0.05], radius: 0.02}}]\n"
+    "tools: [{shape: {sphere: {radius: 0.01}}, start: [0, 0, 0.06]}]\n";
 
 /// A scene with a skin, loaded. @param set  a further override, or NULL
-static pal_status load(const char *text, const char *skin, const char *set, pal_scene **out, pal_error *e) {
+static pal_status load(const char *text, const char *skin, const char *set, pal_scene **out,
+                       pal_error *e) {
     char file[128];
     (void)snprintf(file, sizeof file, "skin.file=%s", skin);
     const char *const list[] = {file, set, NULL};
@@ -52,7 +54,8 @@ static pal_model *precompute(const char *text, const char *skin, const char *set
     pal_error e = {0};
     pal_scene *scene = NULL;
     pal_model *model = NULL;
-    pal_status status = skin != NULL ? load(text, skin, set, &scene, &e) : test_scene_load(text, NULL, &scene, &e);
+    pal_status status =
+        skin != NULL ? load(text, skin, set, &scene, &e) : test_scene_load(text, NULL, &scene, &e);
     if (status == PALPATE_OK) {
         status = pal_precompute(scene, NULL, &model, &e);
     }
@@ -85,14 +88,15 @@ static pal_surface read_text(const char *text, const char *extension) {
 static void obj_vertices_keep_their_numbers(void **state) {
     (void)state;
     // 3 is used by no face, 5 is 1 again (a seam), the faces use every way to name a vertex
-    pal_surface s = read_text("# a comment\nmtllib no.mtl\no part\n"
-                              "v 0 0 0\nv 1.5e0 0 0 1.0\n\tv 9 9 9\nv 0 1 0 0.5 0.5 0.5\r\nv 0 0 0\n"
-                              "vt 0 0\nvt 1 0\nvn 0 0 1\n"
-                              "f 1/1/1 2/2/1 4//1\n"
-                              "v 1 \\\n 1 \\\n -1e-3\n"
-                              "usemtl red\ns 1\nl 1 2\np 3\n"
-                              "f -2 4/2 -1\nf 1 2 6 4 \n",
-                              "obj");
+    pal_surface s =
+        read_text("# a comment\nmtllib no.mtl\no part\n"
+                  "v 0 0 0\nv 1.5e0 0 0 1.0\n\tv 9 9 9\nv 0 1 0 0.5 0.5 0.5\r\nv 0 0 0\n"
+                  "vt 0 0\nvt 1 0\nvn 0 0 1\n"
+                  "f 1/1/1 2/2/1 4//1\n"
+                  "v 1 \\\n 1 \\\n -1e-3\n"
+                  "usemtl red\ns 1\nl 1 2\np 3\n"
+                  "f -2 4/2 -1\nf 1 2 6 4 \n",
+                  "obj");
     assert_int_equal(s.vertex_count, 6);
     const double x[] = {0, 0, 0, 1.5, 0, 0, 9, 9, 9, 0, 1, 0, 0, 0, 0, 1, 1, -1e-3};
     for (size_t i = 0; i < sizeof x / sizeof *x; i++) {
@@ -125,12 +129,13 @@ static void obj_numbers_have_a_point_in_any_locale(void **state) {
 
 static void ply_vertices_keep_their_numbers(void **state) {
     (void)state;
-    pal_surface s = read_text("ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\n"
-                              "property float z\nproperty float s\nproperty float t\nelement face 2\n"
-                              "property list uchar int vertex_indices\nend_header\n"
-                              "0 0 0 0 0\n1 0 0 1 0\n9 9 9 0 0\n0 1 0 0 1\n0 0 0 0.5 0\n1 1 0 1 1\n"
-                              "3 5 3 4\n4 0 1 5 3\n",
-                              "ply");
+    pal_surface s =
+        read_text("ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\n"
+                  "property float z\nproperty float s\nproperty float t\nelement face 2\n"
+                  "property list uchar int vertex_indices\nend_header\n"
+                  "0 0 0 0 0\n1 0 0 1 0\n9 9 9 0 0\n0 1 0 0 1\n0 0 0 0.5 0\n1 1 0 1 1\n"
+                  "3 5 3 4\n4 0 1 5 3\n",
+                  "ply");
     assert_int_equal(s.vertex_count, 6);
     assert_true(fabs(s.x[6] - 9.0) <= 0.0);
     assert_true(fabs(s.x[15] - 1.0) <= 0.0 && fabs(s.x[16] - 1.0) <= 0.0);
@@ -162,8 +167,10 @@ static void bad_meshes_are_refused_with_their_line(void **state) {
     } bad[] = {
         {"v 0 0 0\nv 1 0\n", ".obj: line 2: a vertex needs three finite coordinates"},
         {"v 0 0 nan\n", ".obj: line 1: a vertex needs three finite coordinates"},
-        {"v 0 0 0\nv 1 0 0\nv 0 1 0\n# \\\n\nf 1 2 0\n", ".obj: line 6: a face names a vertex that is not there"},
-        {"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -4\n", ".obj: line 4: a face names a vertex that is not there"},
+        {"v 0 0 0\nv 1 0 0\nv 0 1 0\n# \\\n\nf 1 2 0\n",
+         ".obj: line 6: a face names a vertex that is not there"},
+        {"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -4\n",
+         ".obj: line 4: a face names a vertex that is not there"},
         {"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99999999999999999999\n", ".obj: line 4: a face names"},
         {"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", ".obj: a face names vertex 4, there are 3"},
         {"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2 3\n", ".obj: it holds no triangle"},
@@ -185,7 +192,8 @@ static void bad_meshes_are_refused_with_their_line(void **state) {
 }
 
 /// Displacements and normals at the skin under rows u(x) = A x + b.
-static void linear_field(const pal_model *model, double a[3][3], const double b[3], float **u, float **n) {
+static void linear_field(const pal_model *model, double a[3][3], const double b[3], float **u,
+                         float **n) {
     pal_model_info info;
     pal_model_get_info(model, &info);
     float *rows = calloc(3 * (size_t)info.row_count, sizeof *rows);
@@ -241,7 +249,8 @@ static void linear_fields_are_exact_on_planes(void **state) {
     const int32_t *v = pal_model_skin_triangles(model, &triangles);
     assert_int_equal(triangles, 200);
     const double *x = pal_model_skin_positions(model);
-    assert_true(fabs(x[3 * 131 + 1] - 0.025) < 1e-15 && fabs(x[3 * 132] - 0.02) < 1e-15); // the file's order
+    assert_true(fabs(x[3 * 131 + 1] - 0.025) < 1e-15 &&
+                fabs(x[3 * 132] - 0.02) < 1e-15); // the file's order
     double a[3][3] = {{0.01, 0.02, 0.0}, {0.0, -0.03, 0.01}, {0.5, 0.0, 0.02}};
     const double b[3] = {1e-3, -2e-3, 5e-4};
     float *u, *n;
@@ -254,8 +263,8 @@ static void linear_fields_are_exact_on_planes(void **state) {
             assert_true(fabs((double)u[3 * i + c] - expected) < 5e-9);
         }
     }
-    // the deformed top is spanned by (1.01, 0, 0.5) and (0.02, 0.97, 0): its normal everywhere, also at
-    // the cut and at both of its twins; none where there is no triangle
+    // the deformed top is spanned by (1.01, 0, 0.5) and (0.02, 0.97, 0): its normal everywhere,
+    // also at the cut and at both of its twins; none where there is no triangle
     double normal[3] = {-0.5 * 0.97, 0.5 * 0.02, 1.01 * 0.97};
     double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
     for (int i = 0; i < 133; i++) {
@@ -285,7 +294,8 @@ static void write_nodes_and_middles(const pal_model *model, char path[64]) {
     const double *x = pal_model_positions(model);
     const int32_t *t = pal_model_triangles(model);
     for (int32_t i = 0; i < info.surface_count; i++) {
-        n += (size_t)snprintf(text + n, size - n, "v %.17g %.17g %.17g\n", x[3 * i], x[3 * i + 1], x[3 * i + 2]);
+        n += (size_t)snprintf(text + n, size - n, "v %.17g %.17g %.17g\n", x[3 * i], x[3 * i + 1],
+                              x[3 * i + 2]);
     }
     for (int32_t i = 0; i < info.triangle_count; i++) {
         const double *a = x + 3 * (size_t)t[3 * i], *b = x + 3 * (size_t)t[3 * i + 1];
@@ -293,7 +303,8 @@ static void write_nodes_and_middles(const pal_model *model, char path[64]) {
                               0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]));
     }
     for (int32_t i = 0; i < info.triangle_count; i++) {
-        n += (size_t)snprintf(text + n, size - n, "f %d %d %d\n", t[3 * i] + 1, t[3 * i + 1] + 1, t[3 * i + 2] + 1);
+        n += (size_t)snprintf(text + n, size - n, "f %d %d %d\n", t[3 * i] + 1, t[3 * i + 1] + 1,
+                              t[3 * i + 2] + 1);
     }
     test_surface_text(text, "obj", path);
     free(text);
@@ -310,7 +321,8 @@ static void the_skin_follows_a_pressed_surface(void **state) {
     int32_t nodes = info.surface_count, triangles = info.triangle_count;
     pal_model_get_info(model, &info);
     assert_int_equal(info.surface_count, nodes); // the skin has no say in the physics
-    assert_memory_equal(bare->c_tt, model->c_tt, sizeof(double) * 9 * (size_t)info.column_count * (size_t)info.column_count);
+    assert_memory_equal(bare->c_tt, model->c_tt,
+                        sizeof(double) * 9 * (size_t)info.column_count * (size_t)info.column_count);
     assert_int_equal(info.skin_count, nodes + triangles);
     pal_engine_def def = pal_engine_default_def();
     def.tools = pal_model_runtime(model)->tools;
@@ -359,7 +371,8 @@ static void a_body_from_a_file_is_drawn_in_its_order(void **state) {
     test_surface sphere;
     char path[64], text[700];
     test_surface_sphere(&sphere, 3, 1.0);
-    for (int32_t t = 0; t < sphere.triangle_count; t++) { // inside out: the body is turned, and so is its skin
+    for (int32_t t = 0; t < sphere.triangle_count;
+         t++) { // inside out: the body is turned, and so is its skin
         int32_t swap = sphere.v[3 * t];
         sphere.v[3 * t] = sphere.v[3 * t + 1];
         sphere.v[3 * t + 1] = swap;
@@ -400,7 +413,8 @@ static void the_hash_covers_the_skins_content_not_its_path(void **state) {
     write_top(path[0], 0.0);
     write_top(path[1], 0.0);
     write_top(path[2], 0.1);
-    const char *const scale[] = {"skin.scale=0.001", "skin.scale=0.001", "skin.scale=0.001", "skin.scale=0.002"};
+    const char *const scale[] = {"skin.scale=0.001", "skin.scale=0.001", "skin.scale=0.001",
+                                 "skin.scale=0.002"};
     const int file[] = {0, 1, 2, 0};
     for (int i = 0; i < 4; i++) {
         pal_scene *scene = NULL;
@@ -438,7 +452,8 @@ static void wrong_skins_are_refused_and_far_ones_mentioned(void **state) {
     assert_null(model);
     assert_non_null(strstr(e.message, "skin.scale"));
     pal_scene_free(scene);
-    // 15 mm above the top, nodes 8 mm apart: 132 of the vertices are told of, the one on the side is not
+    // 15 mm above the top, nodes 8 mm apart: 132 of the vertices are told of, the one on the side
+    // is not
     assert_int_equal(load(BOX, path, "skin.scale=0.001", &scene, &e), PALPATE_OK);
     assert_int_equal(pal_precompute(scene, NULL, &model, &e), PALPATE_OK);
     int said = 0;

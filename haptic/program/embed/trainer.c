@@ -1,4 +1,5 @@
-/// @file trainer.c  A small trainer: a host that owns its loops and its mesh, and embeds libpalpate.
+/// @file trainer.c  A small trainer: a host that owns its loops and its mesh, and embeds
+/// libpalpate.
 ///
 /// Not part of the program: it is built against the installed headers and `pkg-config palpate` only
 /// (`make trainer`, tests/program/test_install.sh), as a simulator from elsewhere would be.
@@ -8,9 +9,10 @@
 ///                  vertices of its own textured mesh -> vertex buffer, ready for the graphics card
 ///
 /// The mesh is the host's: an OBJ file that the scene named with `skin: {file: ...}` when the model
-/// was made. Palpate knows its vertices (`v` lines) by their number in the file; texture coordinates
-/// never enter the model. As on every graphics card, a vertex with two texture coordinates (a seam)
-/// is two entries of the buffer, both moved by the one skin vertex they come from.
+/// was made. Palpate knows its vertices (`v` lines) by their number in the file; texture
+/// coordinates never enter the model. As on every graphics card, a vertex with two texture
+/// coordinates (a seam) is two entries of the buffer, both moved by the one skin vertex they come
+/// from.
 #include <errno.h>
 #include <math.h>
 #include <pthread.h>
@@ -24,7 +26,8 @@
 
 enum { SERVO_HZ = 1000, RENDER_HZ = 60 };
 
-// ---- The host's mesh -------------------------------------------------------------------------------
+// ---- The host's mesh
+// -------------------------------------------------------------------------------
 
 /// One entry of the vertex buffer, as it would go to the graphics card.
 typedef struct vertex {
@@ -33,10 +36,10 @@ typedef struct vertex {
 
 typedef struct mesh {
     int count, corner_count, point_count;
-    vertex *buffer;    ///< (count)
-    int *point;        ///< (count) the skin vertex that moves this entry
-    int *corner;       ///< (corner_count) three entries of the buffer per triangle
-    double *rest;      ///< (point_count x 3) rest positions of the file's `v` lines, times the scale
+    vertex *buffer; ///< (count)
+    int *point;     ///< (count) the skin vertex that moves this entry
+    int *corner;    ///< (corner_count) three entries of the buffer per triangle
+    double *rest;   ///< (point_count x 3) rest positions of the file's `v` lines, times the scale
 } mesh;
 
 static void mesh_clear(mesh *m) {
@@ -55,7 +58,8 @@ static int mesh_alloc(mesh *m, size_t points, size_t corners) {
     return m->rest != NULL && m->buffer != NULL && m->point != NULL && m->corner != NULL;
 }
 
-/// The host's own loader: v, vt and triangles "f v/vt[/vn] v/vt[/vn] v/vt[/vn]"; that is all this one needs.
+/// The host's own loader: v, vt and triangles "f v/vt[/vn] v/vt[/vn] v/vt[/vn]"; that is all this
+/// one needs.
 static int mesh_load(mesh *m, const char *path, double scale) {
     FILE *in = fopen(path, "r");
     char line[512];
@@ -66,9 +70,11 @@ static int mesh_load(mesh *m, const char *path, double scale) {
         corners += strncmp(line, "f ", 2) == 0 ? 3 : 0;
     }
     float *texture = calloc(2 * textures + 1, sizeof *texture);
-    int *used = calloc(points + corners + 1, sizeof *used); // texture coordinate of each entry; 0: none yet
+    int *used =
+        calloc(points + corners + 1, sizeof *used); // texture coordinate of each entry; 0: none yet
     int *next = calloc(points + corners + 1, sizeof *next); // further entries of the same point
-    int ok = in != NULL && texture != NULL && used != NULL && next != NULL && mesh_alloc(m, points, corners);
+    int ok = in != NULL && texture != NULL && used != NULL && next != NULL &&
+             mesh_alloc(m, points, corners);
     m->point_count = m->count = (int)points;
     if (in != NULL) {
         rewind(in);
@@ -85,7 +91,8 @@ static int mesh_load(mesh *m, const char *path, double scale) {
             ok = sscanf(line + 3, "%f %f", texture + 2 * t, texture + 2 * t + 1) == 2;
             t++;
         } else if (strncmp(line, "f ", 2) == 0) {
-            ok = sscanf(line + 2, "%d/%d%*[/0-9] %d/%d%*[/0-9] %d/%d", v, vt, v + 1, vt + 1, v + 2, vt + 2) == 6 ||
+            ok = sscanf(line + 2, "%d/%d%*[/0-9] %d/%d%*[/0-9] %d/%d", v, vt, v + 1, vt + 1, v + 2,
+                        vt + 2) == 6 ||
                  sscanf(line + 2, "%d/%d %d/%d %d/%d", v, vt, v + 1, vt + 1, v + 2, vt + 2) == 6;
             for (int k = 0; ok && k < 3; k++) {
                 ok = v[k] >= 1 && (size_t)v[k] <= p && vt[k] >= 1 && (size_t)vt[k] <= t;
@@ -99,7 +106,8 @@ static int mesh_load(mesh *m, const char *path, double scale) {
                 }
                 if (ok) {
                     used[entry] = vt[k];
-                    memcpy(m->buffer[entry].texture, texture + 2 * (vt[k] - 1), sizeof m->buffer[entry].texture);
+                    memcpy(m->buffer[entry].texture, texture + 2 * (vt[k] - 1),
+                           sizeof m->buffer[entry].texture);
                     m->corner[m->corner_count++] = entry;
                 }
             }
@@ -147,23 +155,26 @@ static int mesh_write(const mesh *m, const char *path) {
     FILE *out = fopen(path, "w");
     for (int i = 0; out != NULL && i < m->count; i++) {
         const vertex *v = m->buffer + i;
-        (void)fprintf(out, "v %.9g %.9g %.9g\nvt %.9g %.9g\nvn %.6g %.6g %.6g\n", (double)v->position[0],
-                      (double)v->position[1], (double)v->position[2], (double)v->texture[0],
-                      (double)v->texture[1], (double)v->normal[0], (double)v->normal[1], (double)v->normal[2]);
+        (void)fprintf(out, "v %.9g %.9g %.9g\nvt %.9g %.9g\nvn %.6g %.6g %.6g\n",
+                      (double)v->position[0], (double)v->position[1], (double)v->position[2],
+                      (double)v->texture[0], (double)v->texture[1], (double)v->normal[0],
+                      (double)v->normal[1], (double)v->normal[2]);
     }
     for (int c = 0; out != NULL && c < m->corner_count; c++) {
         int n = m->corner[c] + 1;
-        (void)fprintf(out, "%s%d/%d/%d%s", c % 3 == 0 ? "f " : " ", n, n, n, c % 3 == 2 ? "\n" : "");
+        (void)fprintf(out, "%s%d/%d/%d%s", c % 3 == 0 ? "f " : " ", n, n, n,
+                      c % 3 == 2 ? "\n" : "");
     }
     return out != NULL && fclose(out) == 0;
 }
 
-// ---- The servo thread ------------------------------------------------------------------------------
+// ---- The servo thread
+// ------------------------------------------------------------------------------
 
 typedef struct servo {
     pal_engine *engine;
     const pal_tool_def *tool;
-    double depth;       ///< of the press [m]
+    double depth; ///< of the press [m]
     int ticks, missed;
     pal_tool_force peak; ///< the tick with the largest force
     uint32_t fault;      ///< PALPATE_FAULT_* met on the way
@@ -172,7 +183,8 @@ typedef struct servo {
 
 /// What a real host reads from its device: press over 0.5 s, then go round in a circle of 2 mm.
 static pal_tool_state hand(const servo *s, int tick) {
-    double t = (double)tick / SERVO_HZ, press = s->depth * (t < 0.5 ? 0.5 - 0.5 * cos(M_PI * t / 0.5) : 1.0);
+    double t = (double)tick / SERVO_HZ,
+           press = s->depth * (t < 0.5 ? 0.5 - 0.5 * cos(M_PI * t / 0.5) : 1.0);
     double a[3], b[3], round = t < 0.5 ? 0.0 : 2.0 * M_PI * (t - 0.5);
     const double *n = s->tool->axis;
     int least = fabs(n[0]) < 0.6 ? 0 : 1;
@@ -211,7 +223,8 @@ static void *servo_run(void *argument) {
         next.tv_sec += next.tv_nsec / 1000000000L;
         next.tv_nsec %= 1000000000L;
         (void)clock_gettime(CLOCK_MONOTONIC, &now);
-        double late = (double)(now.tv_sec - next.tv_sec) + 1e-9 * (double)(now.tv_nsec - next.tv_nsec);
+        double late =
+            (double)(now.tv_sec - next.tv_sec) + 1e-9 * (double)(now.tv_nsec - next.tv_nsec);
         if (late > 0.0) { // no catch-up burst: count and go on from here
             s->missed += 1 + (int)(late * SERVO_HZ);
             next = now;
@@ -222,7 +235,8 @@ static void *servo_run(void *argument) {
     return NULL;
 }
 
-// ---- The render loop -------------------------------------------------------------------------------
+// ---- The render loop
+// -------------------------------------------------------------------------------
 
 /// Newest frame -> vertex buffer. @return 1 when there was a new one
 static int update(const pal_model *model, pal_reader *reader, mesh *m, float *u, float *normal) {
@@ -258,11 +272,11 @@ static void print_result(const servo *s, const mesh *m, int frames) {
         longest = fmax(longest, sqrt(square));
     }
     (void)printf("ticks %d\nmissed %d\nframes %d\n", s->ticks, s->missed, frames);
-    (void)printf("force_along_axis %.6g\npeak_contacts %d\nfault %#x\n", along, (int)s->peak.contact_count,
-                 (unsigned)s->fault);
+    (void)printf("force_along_axis %.6g\npeak_contacts %d\nfault %#x\n", along,
+                 (int)s->peak.contact_count, (unsigned)s->fault);
     (void)printf("depth %.6g\ndeepest_vertex %.6g\n", s->depth, deepest);
-    (void)printf("vertices %d\nskin_vertices %d\nnormal_lengths %.6f %.6f\n", m->count, m->point_count,
-                 shortest, longest);
+    (void)printf("vertices %d\nskin_vertices %d\nnormal_lengths %.6f %.6f\n", m->count,
+                 m->point_count, shortest, longest);
 }
 
 static int run(const pal_model *model, pal_engine *engine, servo *s, mesh *m) {
@@ -299,7 +313,8 @@ int main(int argc, char **argv) {
     int ok = pal_model_load(argv[1], &model, &error) == PALPATE_OK;
     if (ok && pal_model_runtime(model)->tool_count < 1) {
         ok = 0;
-        (void)snprintf(error.message, sizeof error.message, "%.500s: the model has no tool", argv[1]);
+        (void)snprintf(error.message, sizeof error.message, "%.500s: the model has no tool",
+                       argv[1]);
     }
     if (ok) {
         pal_model_info info;
@@ -315,15 +330,17 @@ int main(int argc, char **argv) {
                                      : mesh_from_model(&m, model, info.skin_count));
         if (ok && (!loaded || !mesh_fits(&m, model, info.skin_count))) {
             ok = 0;
-            (void)snprintf(error.message, sizeof error.message,
-                           "%.500s: not the triangle mesh that the model was made with; name it in the scene: "
-                           "skin: {file: ..., scale: ...}",
-                           argc > 3 ? argv[3] : argv[1]);
+            (void)snprintf(
+                error.message, sizeof error.message,
+                "%.500s: not the triangle mesh that the model was made with; name it in the scene: "
+                "skin: {file: ..., scale: ...}",
+                argc > 3 ? argv[3] : argv[1]);
         }
         ok = ok && run(model, engine, &s, &m) && (argc <= 5 || mesh_write(&m, argv[5]));
     }
     if (!ok) {
-        (void)fprintf(stderr, "trainer: %s\n", error.message[0] != '\0' ? error.message : strerror(errno));
+        (void)fprintf(stderr, "trainer: %s\n",
+                      error.message[0] != '\0' ? error.message : strerror(errno));
     }
     mesh_clear(&m);
     pal_engine_free(engine);
