@@ -1,19 +1,23 @@
 /// @file certificate.c  Reciprocity, passivity, residuals: what a model says about itself.
 #include "src/certificate.h"
 
-#include <lapacke.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "haptic/error.h"
+#include "src/contact_stiffness.h"
+#include "src/repair.h"
 
 enum { CONTACT_SAMPLES = 8, CONTACT_NODES = 12, CONTACT_NODES_MAX = 512 };
 
 /// Gates. The residual of a column is far below what any force needs; above 1e-8 the factorization
 /// itself is in doubt.
 static const double RESIDUAL_GATE = 1e-8;
+/// repair: positive: smallest eigenvalue allowed, relative to the largest. Contacts of a few nodes feel
+/// 1e-3 and above; what is clipped below this is noise.
+static const double REPAIR_FLOOR = 1e-6;
 /// Stencils with a scaled condition above this reproduce nothing.
 static const double STENCIL_GATE = 1e12;
 
@@ -44,58 +48,47 @@ void pal_symmetrize(double *c, int64_t n) {
     }
 }
 
-/// Total force of a bonded contact on column nodes `set` displaced by u, from the raw block and from
-/// its symmetric part. @return relative difference, or a negative number when it cannot be solved
-static double force_change(const pal_model *m, const int32_t *set, int32_t count, const double u[3]) {
-    int64_t n = 3 * (int64_t)count, t = 3 * (int64_t)m->info.column_count;
-    double *a = malloc((size_t)(2 * n * n + 2 * n) * sizeof *a);
-    lapack_int *pivot = malloc((size_t)n * sizeof *pivot);
-    double change = -1.0;
-    if (a != NULL && pivot != NULL) {
-        double *s = a + n * n, *f = s + n * n, *g = f + n;
-        for (int64_t j = 0; j < n; j++) {
-            int64_t cj = 3 * (int64_t)set[j / 3] + j % 3;
-            for (int64_t i = 0; i < n; i++) {
-                int64_t ci = 3 * (int64_t)set[i / 3] + i % 3;
-                a[j * n + i] = m->c_tt[cj * t + ci];
-                s[j * n + i] = 0.5 * (m->c_tt[cj * t + ci] + m->c_tt[ci * t + cj]);
-            }
-            f[j] = g[j] = u[j % 3];
-        }
-        if (LAPACKE_dgesv(LAPACK_COL_MAJOR, (int)n, 1, a, (int)n, pivot, f, (int)n) == 0 &&
-            LAPACKE_dgesv(LAPACK_COL_MAJOR, (int)n, 1, s, (int)n, pivot, g, (int)n) == 0) {
-            double raw[3] = {0}, off[3] = {0};
-            for (int64_t i = 0; i < n; i++) {
-                raw[i % 3] += f[i];
-                off[i % 3] += g[i] - f[i];
-            }
-            double size = sqrt(raw[0] * raw[0] + raw[1] * raw[1] + raw[2] * raw[2]);
-            change = sqrt(off[0] * off[0] + off[1] * off[1] + off[2] * off[2]) / size;
-        }
+/// What the sampled contacts say of the raw and of the stored block.
+typedef struct contact_samples {
+    const double *raw, *stored; ///< (3 columns x 3 columns)
+    double force_change, loop_raw, loop_stored; ///< worst so far; negative: none
+} contact_samples;
+
+/// One contact: relative change of its force when pressed along u, energy around closed paths.
+static void add_contact(contact_samples *s, int32_t columns, const int32_t *set, int32_t count,
+                        const double u[3]) {
+    double a[9], b[9], size = 0.0, off = 0.0;
+    if (pal_contact_stiffness(s->raw, columns, set, count, a) != PALPATE_OK ||
+        pal_contact_stiffness(s->stored, columns, set, count, b) != PALPATE_OK) {
+        return;
     }
-    free(pivot);
-    free(a);
-    return change;
+    for (int i = 0; i < 3; i++) {
+        double f = 0.0, g = 0.0;
+        for (int j = 0; j < 3; j++) {
+            f += a[3 * i + j] * u[j];
+            g += b[3 * i + j] * u[j];
+        }
+        size += f * f;
+        off += (g - f) * (g - f);
+    }
+    s->force_change = fmax(s->force_change, sqrt(off / size));
+    s->loop_raw = fmax(s->loop_raw, pal_loop_energy(a));
+    s->loop_stored = fmax(s->loop_stored, pal_loop_energy(b));
 }
 
-/// The worst force change over the patches (along each axis) and over small contacts sampled evenly
-/// among the column nodes (pressed along the inward normal).
-static double sampled_force_change(const pal_model *m, pal_error *error, pal_status *status) {
-    double worst = -1.0;
+/// The patches (pressed along each axis) and small contacts sampled evenly among the column nodes
+/// (pressed along the inward normal).
+static pal_status sample_contacts(const pal_model *m, contact_samples *s, pal_error *error) {
     int32_t t = m->info.column_count;
     for (int32_t p = 0; p < m->info.patch_count; p++) {
-        if (m->patch[p].count > CONTACT_NODES_MAX) {
-            continue;
-        }
-        for (int d = 0; d < 3; d++) {
+        for (int d = 0; d < 3 && m->patch[p].count <= CONTACT_NODES_MAX; d++) {
             double u[3] = {d == 0, d == 1, d == 2};
-            worst = fmax(worst, force_change(m, m->patch[p].column, m->patch[p].count, u));
+            add_contact(s, t, m->patch[p].column, m->patch[p].count, u);
         }
     }
     double *distance = malloc((size_t)t * sizeof *distance);
     if (distance == NULL) {
-        *status = pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory");
-        return worst;
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory");
     }
     for (int k = 0; k < CONTACT_SAMPLES; k++) {
         int32_t center = (int32_t)((int64_t)(t - 1) * k / (CONTACT_SAMPLES - 1));
@@ -117,10 +110,42 @@ static double sampled_force_change(const pal_model *m, pal_error *error, pal_sta
         }
         const double *normal = m->normal + 3 * (int64_t)m->column_node[center];
         double u[3] = {-normal[0], -normal[1], -normal[2]};
-        worst = fmax(worst, force_change(m, set, count, u));
+        add_contact(s, t, set, count, u);
     }
     free(distance);
-    return worst;
+    return PALPATE_OK;
+}
+
+/// Repair the block as asked and sample contacts before and after.
+static pal_status repair_and_sample(pal_repair repair, pal_model *model, pal_error *error) {
+    pal_certificate *c = &model->info.certificate;
+    int64_t n = 3 * (int64_t)model->info.column_count;
+    double *raw = NULL;
+    if (repair != PALPATE_REPAIR_NONE && c->reciprocity > 0.0) {
+        raw = malloc((size_t)(n * n) * sizeof *raw);
+        if (raw == NULL) {
+            return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for a copy of C_TT (%.2f GB)",
+                            8e-9 * (double)(n * n));
+        }
+        memcpy(raw, model->c_tt, (size_t)(n * n) * sizeof *raw);
+    }
+    pal_status status = PALPATE_OK;
+    if (repair == PALPATE_REPAIR_SYMMETRIZE) {
+        pal_symmetrize(model->c_tt, n);
+    } else if (repair == PALPATE_REPAIR_POSITIVE) {
+        double change = 0.0;
+        status = pal_repair_positive(model->c_tt, n, REPAIR_FLOOR, &change, error);
+    }
+    c->symmetrized = repair != PALPATE_REPAIR_NONE;
+    if (status == PALPATE_OK) {
+        contact_samples s = {raw != NULL ? raw : model->c_tt, model->c_tt, -1.0, -1.0, -1.0};
+        status = sample_contacts(model, &s, error);
+        c->force_change = s.force_change;
+        c->loop_energy_raw = s.loop_raw;
+        c->loop_energy = s.loop_stored;
+    }
+    free(raw);
+    return status;
 }
 
 static void judge(pal_certificate *c, const pal_model *m, int finite) {
@@ -150,7 +175,7 @@ static void judge(pal_certificate *c, const pal_model *m, int finite) {
                        strcmp(method, "point") == 0
                            ? "point collocation does this on graded clouds and for nu near 0.5: use "
                              "method: {kind: cell} or {kind: galerkin}"
-                           : "use a finer body.spacing or method: {kind: galerkin}");
+                           : "use a finer body.spacing, method: {kind: galerkin} or repair: positive");
     } else {
         c->pass = 1;
         r[0] = '\0';
@@ -158,7 +183,7 @@ static void judge(pal_certificate *c, const pal_model *m, int finite) {
 }
 
 pal_status pal_certify(const pal_system *system, const pal_factor_report *factor,
-                       const pal_compliance_report *compliance, double length, int symmetrize,
+                       const pal_compliance_report *compliance, double length, pal_repair repair,
                        const pal_progress *progress, pal_model *model, pal_error *error) {
     pal_certificate *c = &model->info.certificate;
     int64_t n = 3 * (int64_t)model->info.column_count;
@@ -185,11 +210,7 @@ pal_status pal_certify(const pal_system *system, const pal_factor_report *factor
     if (finite) {
         int positive = 0;
         c->reciprocity = pal_reciprocity_error(model->c_tt, n);
-        c->force_change = sampled_force_change(model, error, &status);
-        if (symmetrize) {
-            pal_symmetrize(model->c_tt, n);
-            c->symmetrized = 1;
-        }
+        status = repair_and_sample(repair, model, error);
         if (status == PALPATE_OK) {
             status = pal_extreme_eigenvalues(model->c_tt, n, &c->min_eigenvalue, &c->max_eigenvalue,
                                              &positive, error);
@@ -198,7 +219,7 @@ pal_status pal_certify(const pal_system *system, const pal_factor_report *factor
         if (!positive && c->min_eigenvalue_ratio > 0.0) {
             c->min_eigenvalue_ratio = -c->min_eigenvalue_ratio; // Cholesky broke down: not positive
         }
-        c->passive = symmetrize && positive;
+        c->passive = repair != PALPATE_REPAIR_NONE && positive;
     }
     if (status != PALPATE_OK) {
         return status;

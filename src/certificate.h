@@ -7,13 +7,20 @@
 #include "src/discretization.h"
 #include "src/factor.h"
 
-/// Certify the model's raw C_TT and, when `symmetrize`, replace it by (C + C^T)/2. Fills
+/// What is stored instead of the raw block; the values are those of the scene's `repair`.
+typedef enum pal_repair {
+    PALPATE_REPAIR_NONE = 0,
+    PALPATE_REPAIR_SYMMETRIZE = 1, ///< (C + C^T) / 2
+    PALPATE_REPAIR_POSITIVE = 2    ///< nearest symmetric positive definite block (repair.h)
+} pal_repair;
+
+/// Certify the model's raw C_TT and replace it as `repair` says. Fills
 /// model->info.certificate (all but the fields it has no data for, which are negative).
 /// @return PALPATE_OK also when the certificate does not pass (certificate.pass, .reason);
 ///         _MEMORY, _CANCELLED
 /// Cost: O((3 columns)^3 / 3) for the Cholesky factorization. Thread: any; one at a time inside.
 pal_status pal_certify(const pal_system *system, const pal_factor_report *factor,
-                       const pal_compliance_report *compliance, double length, int symmetrize,
+                       const pal_compliance_report *compliance, double length, pal_repair repair,
                        const pal_progress *progress, pal_model *model, pal_error *error);
 
 /// ||C - C^T||_F / ||C||_F of a dense column-major matrix (n x n).

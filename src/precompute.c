@@ -108,7 +108,7 @@ static pal_status build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const
     if (status == PALPATE_OK) {
         begin = seconds_now();
         status = pal_certify(&system, &factor_report, &solve_report, cloud->length,
-                             scene->symmetrize, progress, model, error);
+                             (pal_repair)scene->symmetrize, progress, model, error);
         seconds->certify = seconds_now() - begin;
     }
     if (status == PALPATE_OK) {

@@ -250,7 +250,7 @@ static const pal_scene_key KEYS[] = {
     // ---- model
     CHOICE("repair", "none | symmetrize | positive", "symmetrize",
            "what is stored: the raw block, its symmetric part, or the nearest positive one",
-           struct pal_scene, symmetrize, .not_built = 1u << 2),
+           struct pal_scene, symmetrize),
     CHOICE("certify", "strict | warn", "strict",
            "whether a model that fails its certificate is refused or written with a warning",
            struct pal_scene, certify_warn),

@@ -250,8 +250,6 @@ static const bad NOT_BUILT[] = {
      "11:20: tools[0].coupling: found a mapping", "not built yet"},
     {9, "method: {kind: galerkin, integration: 4}", "9:39: method.integration: found 4",
      "not built yet"},
-    {12, "repair: positive", "12:9: repair: found positive; allowed: none | symmetrize",
-     "not built yet"},
     {10, "store: {tolerance: 0.01}", "10:20: store.tolerance: found 0.01; allowed: 0",
      "not built yet"},
 };
