@@ -15,6 +15,7 @@
 #include "src/certificate.h"
 #include "src/cloud.h"
 #include "src/compliance.h"
+#include "src/error_estimate.h"
 #include "src/factor.h"
 #include "src/memory_plan.h"
 #include "src/model_cache.h"
@@ -134,8 +135,9 @@ pal_status pal_precompute(pal_scene *scene, const pal_progress *progress, pal_mo
     return status;
 }
 
-static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_progress *progress,
-                                                  pal_model **out, pal_error *error) {
+/// Cloud, discretization, factor, compliance, certificate of one scene.
+static pal_status build_model(pal_scene *scene, const pal_progress *progress, pal_model **out,
+                              pal_error *error) {
     *out = NULL;
     double begin = seconds_now();
     pal_cloud cloud = {0};
@@ -166,6 +168,50 @@ static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_pr
     pal_node_sets_clear(&sets);
     pal_skin_clear(&skin);
     pal_cloud_clear(&cloud);
+    if (status != PALPATE_OK) {
+        pal_model_free(model);
+        return status;
+    }
+    *out = model;
+    return PALPATE_OK;
+}
+
+/// The same on a coarser cloud, for the estimate of the error. Only cancelling is an error here: without
+/// a second cloud the model is as good as before, and says that nothing was estimated.
+static pal_status estimate_error(pal_scene *scene, const pal_progress *progress, pal_model *model,
+                                 pal_error *error) {
+    pal_scene coarse_scene;
+    pal_model *coarse = NULL;
+    pal_error why = {0};
+    double begin = seconds_now();
+    pal_status status = pal_estimate_scene(scene, &coarse_scene, &why);
+    if (status == PALPATE_OK) {
+        status = build_model(&coarse_scene, progress, &coarse, &why);
+        pal_estimate_scene_clear(&coarse_scene);
+    }
+    if (status == PALPATE_OK) {
+        model->info.certificate.estimated_error = pal_estimate_error(model, coarse);
+    }
+    pal_model_free(coarse);
+    double took = seconds_now() - begin;
+    model->info.seconds.certify += took;
+    model->info.seconds.total += took;
+    if (status == PALPATE_ERROR_CANCELLED) {
+        return pal_fail(error, status, "%s", why.message);
+    }
+    return status == PALPATE_OK ? PALPATE_OK
+                                : pal_scene_warn(scene, NULL, "the discretization error is not estimated: %s",
+                                                 why.message);
+}
+
+static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_progress *progress,
+                                                  pal_model **out, pal_error *error) {
+    pal_model *model = NULL;
+    *out = NULL;
+    pal_status status = build_model(scene, progress, &model, error);
+    if (status == PALPATE_OK && scene->estimate && scene->patch_count > 0) {
+        status = estimate_error(scene, progress, model, error);
+    }
     if (status != PALPATE_OK) {
         pal_model_free(model);
         return status;

@@ -114,7 +114,7 @@ static void reset_sets(pal_surface_mesh *m) {
 
 static double chosen_spacing(const pal_scene *scene, const pal_scene_patch *patch, double radius,
                              double length) {
-    double h = patch->rim_spacing < 0.0 ? AUTO_RIM * radius : pal_grid(patch->rim_spacing / length);
+    double h = patch->rim_spacing < 0.0 ? -patch->rim_spacing * AUTO_RIM * radius : pal_grid(patch->rim_spacing / length);
     int explicit = patch->rim_spacing > 0.0;
     for (int32_t i = 0; i < scene->refine_count; i++) {
         const pal_refine *r = scene->refine + i;

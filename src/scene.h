@@ -53,7 +53,7 @@ typedef struct pal_selector_list {
 typedef struct pal_scene_patch {
     char name[PALPATE_NAME_MAX];
     pal_selector_list where;
-    double rim_spacing; ///< [m]; negative: auto (about 1/14 of the patch's radius); 0: no rim
+    double rim_spacing; ///< [m]; -f: f times the automatic one (1/14 of the patch's radius); 0: no rim
     pal_place place;
 } pal_scene_patch;
 
@@ -106,6 +106,7 @@ struct pal_scene {
     pal_method method;
     pal_place method_place;
     int32_t symmetrize;      ///< repair: 1 symmetrize, 0 none, 2 positive
+    int32_t estimate;        ///< 1: estimate the discretization error by a second, coarser cloud
     int32_t certify_warn;    ///< certify: warn -> 1 (write a model that fails), strict -> 0
     pal_store_rows store_rows;
     pal_precision precision;

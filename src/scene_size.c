@@ -78,7 +78,7 @@ double pal_scene_predict_nodes(const pal_scene *scene, double volume) {
         double rim = scene->patch[p].rim_spacing;
         if (length > 0.0 && rim != 0.0) {
             nodes += zone_nodes(h0, scene->grading, volume, radius, length,
-                                rim > 0.0 ? rim : radius / 14.0);
+                                rim > 0.0 ? rim : -rim * radius / 14.0);
         }
     }
     return DENSITY * nodes;

@@ -1,14 +1,21 @@
 /// @file command_precompute.c  palpate precompute SCENE [-o MODEL]
 #include "haptic/program/program.h"
 
+#include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+
+#include "haptic/error.h"
+
+enum { ROUNDS_MAX = 6 };
 
 typedef struct options {
     common_options common;
     const char *scene;
     const char *output;
     int rebuild;
+    double target; ///< of the estimated error; 0: none
 } options;
 
 static error_t parse(int key, char *arg, struct argp_state *state) {
@@ -23,6 +30,14 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
     case 'r':
         o->rebuild = 1;
         return 0;
+    case 't': {
+        char *end = NULL;
+        o->target = strtod(arg, &end);
+        if (end == arg || *end != '\0' || !(o->target >= 1e-4 && o->target <= 1.0)) {
+            argp_error(state, "--target-error %s: a relative error from 0.0001 to 1, e.g. 0.03", arg);
+        }
+        return 0;
+    }
     case ARGP_KEY_ARG:
         if (o->scene != NULL) {
             argp_error(state, "one SCENE, please");
@@ -39,6 +54,8 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
 
 static const struct argp_option list[] = {
     {"output", 'o', "MODEL", 0, "Write the model file here as well (default: only the cache)", 1},
+    {"target-error", 't', "E", 0,
+     "Refine all spacings until the estimated error of the patches' forces is at most E (e.g. 0.03)", 1},
     {"rebuild", 'r', NULL, 0, "Build even when the cache has the model", 1},
     {0}};
 static const char doc[] =
@@ -50,6 +67,44 @@ static const char doc[] =
     "certificate is not written unless the scene says `certify: warn`.\n\n"
     "Example:\n  palpate precompute scenes/hemisphere.yaml -o hemisphere.palpate "
     "--set body.material.poisson=0.45";
+
+/// Refine until the estimate meets the target. The error goes with the spacing, which sets the steps.
+static pal_status refine(source *s, options *o, pal_error *error) {
+    const offline_api *offline = offline_open(error);
+    for (int round = 0;; round++) {
+        pal_model_info info;
+        pal_model_get_info(s->model, &info);
+        double estimate = info.certificate.estimated_error;
+        if (estimate < 0.0) {
+            return pal_fail(error, PALPATE_ERROR_SCENE,
+                            "--target-error: nothing was estimated: the scene needs body.patches and estimate: true");
+        }
+        if (!o->common.quiet) {
+            (void)fprintf(stderr, "round %d: %d nodes, estimated error %.2f %% (target %.2f %%)\n", round + 1,
+                          info.node_count, 100.0 * estimate, 100.0 * o->target);
+        }
+        if (estimate <= o->target) {
+            return PALPATE_OK;
+        }
+        if (round == ROUNDS_MAX) {
+            return pal_fail(error, PALPATE_ERROR_CERTIFICATE,
+                            "--target-error %g: still %.2g after %d refinements (%d nodes): ask for less", o->target,
+                            estimate, ROUNDS_MAX, info.node_count);
+        }
+        double factor = fmin(0.9, fmax(0.6, 0.9 * o->target / estimate));
+        pal_model_free(s->model);
+        s->model = NULL;
+        pal_status status = offline->scene_scale_spacing(s->scene, factor, error);
+        pal_progress progress = progress_line(&o->common);
+        if (status == PALPATE_OK) {
+            status = offline->precompute_cached(s->scene, &progress, &s->model, &s->was_cached, error);
+        }
+        progress_end();
+        if (status != PALPATE_OK) {
+            return status;
+        }
+    }
+}
 
 int command_precompute(int argc, char **argv) {
     options o = {.common = {.command = "palpate precompute"}};
@@ -82,6 +137,9 @@ int command_precompute(int argc, char **argv) {
         (void)snprintf(error.message, sizeof error.message,
                        "%s is a model already; `palpate info` shows it", o.scene);
         status = PALPATE_ERROR_ARGUMENT;
+    }
+    if (status == PALPATE_OK && o.target > 0.0) {
+        status = refine(&s, &o, &error);
     }
     if (status == PALPATE_OK && o.output != NULL) {
         status = pal_model_save(s.model, o.output, &error);

@@ -36,6 +36,7 @@ const offline_api *offline_open(pal_error *error) {
     LOAD(scene_warning_count, "pal_scene_warning_count");
     LOAD(scene_warning, "pal_scene_warning");
     LOAD(scene_schema, "pal_scene_schema");
+    LOAD(scene_scale_spacing, "pal_scene_scale_spacing");
     LOAD(precompute, "pal_precompute");
     LOAD(precompute_cached, "pal_precompute_cached");
     LOAD(cache_path, "pal_cache_path");

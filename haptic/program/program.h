@@ -67,6 +67,7 @@ typedef struct offline_api {
     __typeof__(&pal_scene_warning_count) scene_warning_count;
     __typeof__(&pal_scene_warning) scene_warning;
     __typeof__(&pal_scene_schema) scene_schema;
+    __typeof__(&pal_scene_scale_spacing) scene_scale_spacing;
     __typeof__(&pal_precompute) precompute;
     __typeof__(&pal_precompute_cached) precompute_cached;
     __typeof__(&pal_cache_path) cache_path;

@@ -29,6 +29,11 @@ PALPATE_API const pal_runtime_config *pal_scene_runtime(const pal_scene *scene);
 /// @param[out] hex  at least 65 bytes
 PALPATE_API pal_status pal_scene_hash(const pal_scene *scene, char hex[65], pal_error *error);
 
+/// Scale every node spacing of the scene (body, refinement, rims, the automatic ones too): below 1 for
+/// a finer cloud. The content hash follows.
+/// @return PALPATE_OK; PALPATE_ERROR_SCENE when the cloud would be absurdly large; _ARGUMENT; _MEMORY
+PALPATE_API pal_status pal_scene_scale_spacing(pal_scene *scene, double factor, pal_error *error);
+
 /// Number of warnings found while loading, and each one's text (located like errors).
 PALPATE_API int pal_scene_warning_count(const pal_scene *scene);
 PALPATE_API const char *pal_scene_warning(const pal_scene *scene, int index);

@@ -97,6 +97,26 @@ static void physics_rebuilds_and_nothing_else_does(void **state) {
     assert_true(cached("--set repair=none") == 0);
 }
 
+static void the_error_is_estimated_and_refined_to_a_target(void **state) {
+    (void)state;
+    program_result a = run("precompute %s --json", scene_path);
+    double first = program_number(a.json, "certificate.estimated_error");
+    assert_true(first > 0.0 && first < 0.1);
+    program_result b = run("precompute %s --json --target-error %g", scene_path, 0.7 * first);
+    assert_int_equal(b.status, 0);
+    assert_true(program_number(b.json, "certificate.estimated_error") <= 0.7 * first);
+    assert_true(program_number(b.json, "nodes") > program_number(a.json, "nodes"));
+    program_clear(&b);
+    b = run("precompute %s --json --set estimate=false", scene_path);
+    assert_true(json_is_null(json_object_get(json_object_get(b.json, "certificate"), "estimated_error")));
+    program_clear(&b);
+    b = run("precompute %s --target-error 0.01 --set estimate=false", scene_path);
+    assert_int_equal(b.status, 1);
+    assert_non_null(strstr(b.error, "estimate"));
+    program_clear(&b);
+    program_clear(&a);
+}
+
 static void a_model_file_presses_like_its_scene(void **state) {
     (void)state;
     program_result a = run("press %s --patch pole --by 0.001,0,-0.005 --json", scene_path);
@@ -223,6 +243,7 @@ int main(void) {
         cmocka_unit_test(every_command_helps_with_an_example),
         cmocka_unit_test(precompute_prints_the_keys_of_the_design),
         cmocka_unit_test(physics_rebuilds_and_nothing_else_does),
+        cmocka_unit_test(the_error_is_estimated_and_refined_to_a_target),
         cmocka_unit_test(a_model_file_presses_like_its_scene),
         cmocka_unit_test(h5dump_reads_the_model),
         cmocka_unit_test(errors_are_located_and_exit_is_not_zero),

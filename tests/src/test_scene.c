@@ -213,6 +213,7 @@ static const pair PAIRS[] = {
     {"method.stabilization", "method.stabilization=0", "method.stabilization=0.1"},
     {"repair", "repair=none", "repair=symmetrize"},
     {"certify", "certify=warn", "certify=strict"},
+    {"estimate", "estimate=false", "estimate=true"},
     {"store.displacement", "store.displacement=none", "store.displacement=all"},
     {"store.precision", "store.precision=double", "store.precision=half"},
     {"tools[].name", "tools.0.name=a", "tools.0.name=b"},
