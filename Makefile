@@ -17,8 +17,9 @@ Q       := $(if $(V),,@)
 JOBS    ?= $(shell nproc 2>/dev/null || echo 2)
 
 # ---- The one list of Debian packages ---------------------------------------------------------
-# Needed to build, run the demo and run all tests (`make deps` installs what is missing).
-PACKAGES := gcc libc6-dev make pkg-config \
+# Needed to build, run the demo and run all tests (`make deps` installs what is missing); g++ only for
+# the test that compiles the installed headers as C++.
+PACKAGES := gcc g++ libc6-dev make pkg-config \
 	libhdf5-dev hdf5-tools \
 	libsuitesparse-dev libopenblas-dev liblapacke-dev libarpack2-dev \
 	libgmsh-dev libassimp-dev libyaml-dev \
@@ -123,6 +124,10 @@ build-all: $(LIB_A) $(LIB_SO) $(OFFLINE) $(MESHER) $(PROGRAM)
 # per-component include flags
 $(ONLINE_OBJ): EXTRA = $(call pc-cflags,$(ONLINE_PC))
 $(OFFLINE_OBJ): EXTRA = $(call pc-cflags,$(OFFLINE_PC)) -isystem /usr/include/suitesparse
+# a model's hash covers the sources that made it: see scene_hash.c
+OFFLINE_TEXT := $(sort $(OFFLINE_SRC) $(MESHER_SRC) $(wildcard src/*.h src/mesher/*.h))
+$(call obj,src/scene_hash.c): EXTRA += -DPALPATE_SOURCES_DIGEST='"$(shell cat $(OFFLINE_TEXT) | sha256sum | cut -c1-32)"'
+$(call obj,src/scene_hash.c): $(OFFLINE_TEXT)
 $(VIEW_OBJ) $(PROGRAM_OBJ): EXTRA = $(call pc-cflags,$(PROGRAM_PC))
 
 $(BUILD)/obj/%.o: %.c
@@ -191,6 +196,14 @@ run-tests: build-tests
 
 test: deps ## install what is missing, build, run all tests
 	@$(MAKE) --no-print-directory -j$(JOBS) run-tests
+
+# each part ends the whole when it fails
+check: ## what a change must pass: tests, then ASan+UBSan and TSan, then lint (long)
+	@$(MAKE) --no-print-directory test
+	@sh .ci/deps.sh $(PACKAGES) $(PACKAGES_CHECK)
+	@$(MAKE) --no-print-directory asan
+	@$(MAKE) --no-print-directory tsan
+	@$(MAKE) --no-print-directory lint
 
 asan: ## build and run the tests with AddressSanitizer and UBSan
 	@$(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=asan BUILD=$(BUILD)/asan

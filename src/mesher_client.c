@@ -256,6 +256,9 @@ static pal_status converse(talk *t, const pal_mesher_request *head, const double
                  {source, (size_t)head->source_count * sizeof *source}};
     for (int i = 0; i < 4; i++) {
         pal_status status = transfer(t, part[i].data, NULL, part[i].size, progress, error);
+        if (status == PALPATE_ERROR_CLOUD) {
+            break; // it may have answered before it left, e.g. that it is of another version
+        }
         if (status != PALPATE_OK) {
             return status;
         }

@@ -2,8 +2,8 @@
 ///
 /// The hash names a cached model, so it covers all that determines one: the canonical text
 /// (defaults filled in, numbers by value and not by spelling), the surface and skin files' content
-/// (not their paths), the program's version and the revision of its numerics. Tools and rates are not part of
-/// it.
+/// (not their paths), the program's version and a digest of the sources that build models. Tools
+/// and rates are not part of it.
 #include <errno.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -16,6 +16,11 @@
 
 /// Raise it when the same scene gives a different model (cloud, discretization, solution, storage).
 #define PALPATE_PHYSICS_REVISION 4
+/// Digest of the offline library's and the mesher's sources, from the Makefile: a revision that has
+/// to be raised by hand is forgotten, and then the old model answers out of the cache.
+#ifndef PALPATE_SOURCES_DIGEST
+#define PALPATE_SOURCES_DIGEST "unknown"
+#endif
 
 /// Text that grows; once an allocation has failed nothing more is written.
 typedef struct text {
@@ -179,9 +184,9 @@ pal_status pal_scene_hash(const pal_scene *scene, char hex[65], pal_error *error
     if (scene == NULL || hex == NULL) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT, "pal_scene_hash: scene or hex is NULL");
     }
-    char head[100];
-    (void)snprintf(head, sizeof head, "palpate %s physics %d\n", pal_version(),
-                   PALPATE_PHYSICS_REVISION);
+    char head[200];
+    (void)snprintf(head, sizeof head, "palpate %s physics %d sources %s\n", pal_version(),
+                   PALPATE_PHYSICS_REVISION, PALPATE_SOURCES_DIGEST);
     pal_hash hash;
     uint8_t digest[PALPATE_HASH_BYTES];
     pal_hash_init(&hash, PALPATE_HASH_BYTES);
