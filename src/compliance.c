@@ -19,6 +19,11 @@ enum { SAMPLED_COLUMNS = 12, THREADS_MAX = 16 };
 /// A sampled residual above this earns every column one step of iterative refinement. Forces are
 /// asked to 1e-8 at best; backward stable solves give about 1e-13.
 static const double REFINE_ABOVE = 1e-10;
+/// Rows in half precision are scaled by the largest entry of the sampled columns times this: columns
+/// of a finer zone are larger, about as the spacings' ratio. Where that is not enough, all is solved
+/// again with as much more room.
+static const double HALF_HEADROOM = 64.0;
+enum { HALF_TRIES = 4 };
 
 typedef struct job {
     const pal_system *system;
@@ -26,6 +31,7 @@ typedef struct job {
     const pal_probe_weights *probes;
     pal_model *model;
     double unit;
+    double largest;       ///< entry of the stored rows over the sampled columns [m/N]
     int refine;
     int32_t block;        ///< columns per block
     int64_t column_count; ///< 3 * columns
@@ -99,9 +105,7 @@ static pal_status keep_column(const job *w, int64_t j, const double *x, double *
                 rows[3 * i + d] = dof_value(w, x, m->row_node[i], d);
             }
         }
-        size_t size = pal_precision_size(m->info.precision);
-        pal_status status = pal_precision_store(m->info.precision, rows, 3 * (int64_t)s,
-                                                (char *)m->c_st + (size_t)(j * m->row_ld) * size);
+        pal_status status = pal_model_store_column(m, j, rows);
         if (status != PALPATE_OK) {
             return status;
         }
@@ -190,6 +194,9 @@ static pal_status sample(job *w, pal_compliance_report *report, pal_error *error
         if (status != PALPATE_OK) {
             break;
         }
+        for (int32_t i = 0; i < 3 * w->model->info.row_count; i++) {
+            w->largest = fmax(w->largest, fabs(dof_value(w, x, w->model->row_node[i / 3], i % 3)));
+        }
         load_column(w, j, b);
         memcpy(r, b, (size_t)n * sizeof *r);
         pal_sparse_multiply(&system->matrix, -1.0, x, r);
@@ -265,6 +272,26 @@ static pal_status allocate_blocks(pal_model *m, pal_error *error) {
     return pal_model_alloc_rows(m, error);
 }
 
+/// Solve every column on all cores. @return the first failure, or PALPATE_OK
+static pal_status solve_all(job *w) {
+    atomic_store(&w->next, 0);
+    atomic_store(&w->done, 0);
+    atomic_store(&w->status, PALPATE_OK);
+    w->begin = seconds_now();
+    long cpus = sysconf(_SC_NPROCESSORS_ONLN);
+    int threads = cpus < 1 ? 1 : (int)(cpus > THREADS_MAX ? THREADS_MAX : cpus);
+    pthread_t id[THREADS_MAX];
+    int started = 0;
+    while (started < threads - 1 && pthread_create(&id[started], NULL, worker, w) == 0) {
+        started++;
+    }
+    work(w, 1);
+    for (int i = 0; i < started; i++) {
+        pthread_join(id[i], NULL);
+    }
+    return (pal_status)atomic_load(&w->status);
+}
+
 pal_status pal_compliance_solve(const pal_system *system, pal_factor *factor, double young,
                                 double length, const pal_probe_weights *probes,
                                 const pal_progress *progress, pal_model *model,
@@ -273,7 +300,6 @@ pal_status pal_compliance_solve(const pal_system *system, pal_factor *factor, do
     w.unit = 1.0 / (young * length);
     w.column_count = 3 * (int64_t)model->info.column_count;
     w.progress = progress;
-    w.begin = seconds_now();
     w.block = PALPATE_FACTOR_BLOCK;
     if (w.column_count == 0 || !(w.unit > 0.0) || !isfinite(w.unit)) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT, "no column to solve, or young * length is not positive");
@@ -293,19 +319,16 @@ pal_status pal_compliance_solve(const pal_system *system, pal_factor *factor, do
     if (status != PALPATE_OK) {
         return status;
     }
-    long cpus = sysconf(_SC_NPROCESSORS_ONLN);
-    int threads = cpus < 1 ? 1 : (int)(cpus > THREADS_MAX ? THREADS_MAX : cpus);
-    pthread_t id[THREADS_MAX];
-    int started = 0;
-    while (started < threads - 1 && pthread_create(&id[started], NULL, worker, &w) == 0) {
-        started++;
-    }
-    work(&w, 1);
-    for (int i = 0; i < started; i++) {
-        pthread_join(id[i], NULL);
+    pal_model_scale_rows(model, HALF_HEADROOM * w.largest);
+    status = solve_all(&w);
+    for (int k = 1; status == PALPATE_ERROR_ARGUMENT && k < HALF_TRIES &&
+                    model->info.precision == PALPATE_PRECISION_HALF;
+         k++) {
+        model->row_scale *= HALF_HEADROOM;
+        status = solve_all(&w);
     }
     (void)pal_factor_need(factor, NULL, NULL);
-    switch ((pal_status)atomic_load(&w.status)) {
+    switch (status) {
     case PALPATE_OK:
         return PALPATE_OK;
     case PALPATE_ERROR_CANCELLED:
@@ -320,6 +343,6 @@ pal_status pal_compliance_solve(const pal_system *system, pal_factor *factor, do
                         "a displacement per newton does not fit in store.precision: use single or "
                         "double");
     default:
-        return pal_fail(error, (pal_status)atomic_load(&w.status), "out of memory while solving");
+        return pal_fail(error, status, "out of memory while solving");
     }
 }
