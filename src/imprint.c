@@ -101,6 +101,8 @@ pal_status pal_smesh_cut(pal_surface_mesh *m, const pal_shape *shape, int id, pa
             return pal_fail(error, PALPATE_ERROR_MEMORY, "surface: no memory to cut %d edges",
                             3 * m->triangle_count);
         }
+        // an earlier cut's edge stays on that cut: where two cuts meet is a corner of the rim
+        m->set[n] = pal_set_union(m->set[n], pal_set_common(m->set[a], m->set[b]));
         m->set[n] = pal_set_union(m->set[n], pal_set_one(id));
         v3_copy(x, moved);
         // onto the body's face again, still on the cut

@@ -66,6 +66,16 @@ pal_constraint_set pal_set_union(pal_constraint_set a, pal_constraint_set b) {
     return out;
 }
 
+pal_constraint_set pal_set_common(pal_constraint_set a, pal_constraint_set b) {
+    pal_constraint_set out = pal_set_none();
+    for (int i = 0, n = 0; i < 4 && a.id[i] >= 0; i++) {
+        if (pal_set_has(b, a.id[i])) {
+            out.id[n++] = a.id[i];
+        }
+    }
+    return out;
+}
+
 int pal_set_equal(pal_constraint_set a, pal_constraint_set b) {
     return memcmp(a.id, b.id, sizeof a.id) == 0;
 }

@@ -45,6 +45,7 @@ void pal_shape_clear(pal_shape *shape);
 pal_constraint_set pal_set_none(void);
 pal_constraint_set pal_set_one(int id);
 pal_constraint_set pal_set_union(pal_constraint_set a, pal_constraint_set b);
+pal_constraint_set pal_set_common(pal_constraint_set a, pal_constraint_set b);
 int pal_set_equal(pal_constraint_set a, pal_constraint_set b);
 int pal_set_has(pal_constraint_set a, int id);
 

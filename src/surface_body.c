@@ -85,6 +85,7 @@ pal_status pal_surface_sharpen(pal_body *body, double cosine, pal_error *error) 
     if (status == PALPATE_OK && count > 0) {
         pal_constraint c = {PALPATE_CONSTRAINT_EDGES, {0.0, 0.0, 0.0}, 0.0};
         int id = pal_shape_add(&body->shape, &c);
+        m->sharp = id;
         free(body->shape.segment);
         body->shape.segment_count = 0;
         body->shape.segment = malloc(6 * count * sizeof *body->shape.segment);

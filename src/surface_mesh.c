@@ -10,8 +10,7 @@
 #include "haptic/error.h"
 #include "src/vec.h"
 
-/// A curve that turns by more than 75 degrees in a vertex has a corner there (a loop of five nodes
-/// turns by 72: small round rims have none).
+/// A sharp edge of the input that turns by more than 75 degrees in a vertex has a corner there.
 static const double CORNER_COSINE = 0.26;
 
 typedef struct half {
@@ -92,6 +91,7 @@ pal_status pal_smesh_build(pal_surface_mesh *m, const double *x, int32_t vertex_
         return pal_fail(error, PALPATE_ERROR_MEMORY, "surface: no memory for %d triangles",
                         triangle_count);
     }
+    m->sharp = -1;
     m->vertex_count = vertex_count;
     m->triangle_count = triangle_count;
     memcpy(m->x, x, 3 * (size_t)vertex_count * sizeof *x);
@@ -141,6 +141,7 @@ pal_status pal_smesh_copy(pal_surface_mesh *to, const pal_surface_mesh *from, pa
                         from->triangle_count);
     }
     size_t n = (size_t)from->vertex_count, m = (size_t)from->triangle_count;
+    to->sharp = from->sharp;
     to->vertex_count = from->vertex_count;
     to->triangle_count = from->triangle_count;
     memcpy(to->x, from->x, 3 * n * sizeof *to->x);
@@ -176,6 +177,9 @@ int pal_smesh_kind(const pal_surface_mesh *m, int32_t vertex, int32_t along[2]) 
     }
     if (count != 2 || !pal_set_equal(m->edge[found[0]], m->edge[found[1]])) {
         return PALPATE_VERTEX_CORNER;
+    }
+    if (m->sharp < 0 || !pal_set_has(m->edge[found[0]], m->sharp)) {
+        return PALPATE_VERTEX_CURVE;
     }
     double u[3], w[3];
     v3_sub(m->x + 3 * (size_t)pal_smesh_head(m, found[0]), m->x + 3 * (size_t)vertex, u);

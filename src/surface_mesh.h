@@ -24,6 +24,7 @@ typedef struct pal_surface_mesh {
     uint8_t *feature;         ///< (triangle_count x 3) 1 on both halves of a feature edge
     pal_constraint_set *edge; ///< (triangle_count x 3) constraints of a feature edge's curve
     int16_t *face;            ///< (triangle_count) the constraint that is the body's face
+    int sharp;                ///< constraint whose curves may have corners; -1: none
 } pal_surface_mesh;
 
 enum { PALPATE_VERTEX_SMOOTH, PALPATE_VERTEX_CURVE, PALPATE_VERTEX_CORNER };

@@ -207,6 +207,46 @@ static void box_patch_on_an_edge_has_its_rim(void **state) {
     pal_cloud_clear(&c);
 }
 
+static void a_box_patch_on_a_sphere_has_four_exact_corners(void **state) {
+    (void)state;
+    test_scene t;
+    test_scene_init(&t, PALPATE_GEOMETRY_SPHERE, 0.3);
+    t.scene.geometry.radius = 1.0;
+    t.selector[0] = (pal_selector){
+        .kind = PALPATE_SELECT_BOX, .low = {-0.43, -0.31, 0.5}, .high = {0.37, 0.29, 1.5}};
+    t.patch[0].where = (pal_selector_list){1, t.selector};
+    t.patch[0].rim_spacing = 0.08;
+    (void)snprintf(t.patch[0].name, sizeof t.patch[0].name, "window");
+    t.scene.patch_count = 1;
+    pal_cloud c = build(&t);
+    const double *low = t.selector[0].low, *high = t.selector[0].high;
+    int corners = 0;
+    for (int32_t i = 0; i < c.surface_count; i++) {
+        const double *x = c.position + 3 * (size_t)i;
+        int on_x = fabs(x[0] - low[0]) < 1e-9 || fabs(x[0] - high[0]) < 1e-9;
+        int on_y = fabs(x[1] - low[1]) < 1e-9 || fabs(x[1] - high[1]) < 1e-9;
+        corners += on_x && on_y && x[2] > 0.0;
+    }
+    assert_int_equal(corners, 4);
+    for (int32_t k = 0; k < c.triangle_count; k++) { // no triangle crosses the rim
+        int in = 0, out = 0;
+        for (int j = 0; j < 3; j++) {
+            const double *x = c.position + 3 * (size_t)c.triangle[3 * k + j];
+            double d = -HUGE_VAL; // signed distance to the box in x, y: negative inside
+            for (int a = 0; a < 2; a++) {
+                d = fmax(d, fmax(low[a] - x[a], x[a] - high[a]));
+            }
+            in |= d < -1e-9 && x[2] > 0.0;
+            out |= d > 1e-9;
+        }
+        assert_false(in && out);
+    }
+    pal_cloud_report r;
+    pal_cloud_measure(&c, &r);
+    assert_true(r.dihedral_min > 8.0 && r.quality_min > 0.3 && r.edge_min > 0.2);
+    pal_cloud_clear(&c);
+}
+
 static void a_patch_that_ends_on_a_sharp_edge_keeps_it(void **state) {
     (void)state;
     test_scene t;
@@ -453,6 +493,7 @@ int main(void) {
         cmocka_unit_test(auto_rim_spacing_is_a_fourteenth_of_the_radius),
         cmocka_unit_test(a_refined_rim_overrides_auto_and_zero_means_none),
         cmocka_unit_test(box_patch_on_an_edge_has_its_rim),
+        cmocka_unit_test(a_box_patch_on_a_sphere_has_four_exact_corners),
         cmocka_unit_test(a_patch_that_ends_on_a_sharp_edge_keeps_it),
         cmocka_unit_test(sphere_volume_and_area_converge_at_second_order),
         cmocka_unit_test(spacing_follows_the_field),
