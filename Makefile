@@ -175,7 +175,7 @@ run-demo:
 	@$(PROGRAM) precompute scenes/hemisphere.yaml
 	@echo
 	@echo "== replay of a press, 10 s at 1 kHz with the render thread, in slices alternating with a bare loop"
-	@$(PROGRAM) run scenes/hemisphere.yaml --for 10 --reference 1 --snapshot $(BUILD)/demo.png
+	@$(PROGRAM) run scenes/hemisphere.yaml --for 10 --reference 0.1 --snapshot $(BUILD)/demo.png
 	@echo
 	@echo "== the same 10 s in freewheel: every tick evaluated, as fast as it goes"
 	@$(PROGRAM) run scenes/hemisphere.yaml --for 10 --freewheel --no-draw
