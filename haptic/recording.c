@@ -63,6 +63,7 @@ void pal_ticks_header_fill(pal_ticks_header *header, const pal_model *model,
     header->max_contacts = def->engine.max_contacts;
     header->period_ns = (int64_t)(def->engine.period * 1e9 + 0.5);
     header->started_s = (int64_t)time(NULL);
+    header->period = def->engine.period;
     header->device_scale = def->engine.device_scale;
     header->body_pose = def->engine.body_pose;
     header->device_to_world = def->engine.device_to_world;

@@ -21,10 +21,11 @@
 
 #include <palpate/session.h>
 
+#include "haptic/h5.h"
 #include "haptic/hash.h"
 
 enum {
-    PALPATE_RECORDING_VERSION = 1,
+    PALPATE_RECORDING_VERSION = 2,
     PALPATE_TICKS_HEADER = 16384,
     PALPATE_FRAMES_HEADER = 512,
     PALPATE_RECORDING_PATH = 4096
@@ -43,6 +44,7 @@ typedef struct pal_ticks_header {
     int64_t started_s; ///< wall clock, seconds since 1970
     uint64_t records, lost;
     double device_scale;
+    double period; ///< as the engine has it [s]; period_ns is rounded
     pal_pose body_pose, device_to_world;
     int32_t freewheel, reserved;
     char model_hash[72];
@@ -99,6 +101,17 @@ enum { PALPATE_HEADER_NUMBER = -1, PALPATE_STATIC_NUMBER = -2 }; ///< "numbers" 
 /// PATH + suffix into `out`. @return _OK, or _ARGUMENT when it is too long
 pal_status pal_recording_name(const char *path, const char *suffix,
                               char out[PALPATE_RECORDING_PATH], pal_error *error);
+
+/// One member of pal_tick_record as a dataset of the finished file.
+typedef struct pal_tick_field {
+    const char *path;
+    size_t offset; ///< in pal_tick_record
+    pal_h5_type type;
+    int width; ///< numbers per row; 1: a vector of numbers
+    const char *unit, *description;
+} pal_tick_field;
+extern const pal_tick_field pal_tick_field_list[];
+extern const int pal_tick_field_count;
 
 /// ---- Writer ----------------------------------------------------------------------------------
 

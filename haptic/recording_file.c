@@ -25,16 +25,8 @@
 
 enum { CHUNK = 8192 };
 
-typedef struct field {
-    const char *path;
-    size_t offset; ///< in pal_tick_record
-    pal_h5_type type;
-    int width; ///< numbers per row; 1: a vector of numbers
-    const char *unit, *description;
-} field;
-
 #define AT(member) offsetof(pal_tick_record, member)
-static const field tick_field[] = {
+const pal_tick_field pal_tick_field_list[] = {
     {"/ticks/tick", AT(tick), PALPATE_H5_U64, 1, "1", "evaluated ticks before this one"},
     {"/ticks/time", AT(time_ns), PALPATE_H5_I64, 1, "ns",
      "session time: period number times period"},
@@ -51,6 +43,8 @@ static const field tick_field[] = {
      "device pose given, device frame"},
     {"/ticks/orientation", AT(state.orientation), PALPATE_H5_F64, 4, "1", "quaternion w, x, y, z"},
     {"/ticks/buttons", AT(state.buttons), PALPATE_H5_U32, 1, "1", "button bits"},
+    {"/ticks/flags", AT(state.flags), PALPATE_H5_U32, 1, "1",
+     "PALPATE_STATE_STALE and the periods missed before the tick"},
     {"/ticks/device_stamp", AT(state.time_ns), PALPATE_H5_I64, 1, "ns", "device time stamp"},
     {"/ticks/force", AT(force.force), PALPATE_H5_F64, 3, "N", "force on the tool, device frame"},
     {"/ticks/torque", AT(force.torque), PALPATE_H5_F64, 3, "N m",
@@ -63,7 +57,7 @@ static const field tick_field[] = {
     {"/ticks/centroid", AT(force.centroid), PALPATE_H5_F64, 3, "m", "contact centroid, body frame"},
     {"/ticks/normal", AT(force.normal), PALPATE_H5_F64, 3, "1", "mean contact normal, body frame"},
 };
-enum { TICK_FIELDS = sizeof tick_field / sizeof *tick_field };
+const int pal_tick_field_count = sizeof pal_tick_field_list / sizeof *pal_tick_field_list;
 
 /// One conversion: inputs, output, and the first failure.
 typedef struct conversion {
@@ -152,7 +146,7 @@ static pal_status write_facts(conversion *c, pal_error *error) {
     const struct {
         const char *path, *text, *description;
     } text[] = {
-        {"/format", "palpate recording 1", "format and version"},
+        {"/format", "palpate recording 2", "format and version"},
         {"/program", h->program, "what recorded it"},
         {"/model_hash", h->model_hash, "content hash of the model"},
         {"/model_method", h->model_method, "discretization of the model"},
@@ -181,6 +175,10 @@ static pal_status write_facts(conversion *c, pal_error *error) {
                              whole[i].description, error);
     }
     if (status == PALPATE_OK) {
+        status = write_number(c->file, "/engine_period", h->period, "s",
+                              "servo period as the engine has it", error);
+    }
+    if (status == PALPATE_OK) {
         status = write_number(c->file, "/device_scale", h->device_scale, "1",
                               "world metres per device metre", error);
     }
@@ -197,8 +195,8 @@ static pal_status write_facts(conversion *c, pal_error *error) {
 
 static pal_status write_ticks(conversion *c, pal_error *error) {
     pal_status status = PALPATE_OK;
-    for (int f = 0; status == PALPATE_OK && f < TICK_FIELDS; f++) {
-        const field *d = &tick_field[f];
+    for (int f = 0; status == PALPATE_OK && f < pal_tick_field_count; f++) {
+        const pal_tick_field *d = &pal_tick_field_list[f];
         status = pal_h5_declare(c->file, d->path, d->type, d->width > 1 ? 2 : 1,
                                 (const int64_t[]){(int64_t)c->records, d->width}, d->unit,
                                 d->description, error);
@@ -215,8 +213,8 @@ static pal_status write_ticks(conversion *c, pal_error *error) {
         status = pal_raw_read(&c->ticks, record, CHUNK, &n, error);
         n = status != PALPATE_OK ? 0 : n;
         n = (uint64_t)(first + n) > c->records ? (int64_t)c->records - first : n; // as counted
-        for (int f = 0; n > 0 && status == PALPATE_OK && f < TICK_FIELDS; f++) {
-            const field *d = &tick_field[f];
+        for (int f = 0; n > 0 && status == PALPATE_OK && f < pal_tick_field_count; f++) {
+            const pal_tick_field *d = &pal_tick_field_list[f];
             size_t size = pal_h5_type_size(d->type) * (size_t)d->width;
             for (int64_t i = 0; i < n; i++) {
                 memcpy((char *)column + (size_t)i * size, (const char *)&record[i] + d->offset,

@@ -105,15 +105,21 @@ static void gate_step(pal_servo *servo) {
 // ---- One tick
 // ------------------------------------------------------------------------------------
 
-static uint32_t read_devices(pal_servo *servo, int64_t time_ns, pal_tool_state in[]) {
+/// @param missed  periods that passed before this tick; the engine learns of them by the state
+static uint32_t read_devices(pal_servo *servo, int64_t time_ns, uint64_t missed,
+                             pal_tool_state in[]) {
+    const uint64_t most = UINT32_MAX >> PALPATE_STATE_MISSED_SHIFT;
+    uint32_t gap = (uint32_t)(missed < most ? missed : most) << PALPATE_STATE_MISSED_SHIFT;
     uint32_t stale = 0;
     for (int32_t i = 0; i < servo->tool_count; i++) {
         pal_device *d = &servo->device[i];
         memset(&in[i], 0, sizeof in[i]);
         if (d->read(d->self, time_ns, &in[i]) == PALPATE_OK) {
             servo->last[i] = in[i];
+            in[i].flags = gap;
         } else { // the last pose it gave stands in, and the tick says so
             in[i] = servo->last[i];
+            in[i].flags = gap | PALPATE_STATE_STALE;
             stale |= 1u << i;
             add(&servo->device_errors, 1);
         }
@@ -181,13 +187,14 @@ static void push_record(pal_servo *servo, const pal_tick_record *record) {
 }
 
 /// @param limit  the field must be over by then [ns]; 0: no limit
-static void tick(pal_servo *servo, uint64_t period, int64_t wake, int64_t lateness, int64_t limit) {
+static void tick(pal_servo *servo, uint64_t period, uint64_t missed, int64_t wake, int64_t lateness,
+                 int64_t limit) {
     pal_tool_state in[PALPATE_TOOLS_MAX];
     pal_tool_force out[PALPATE_TOOLS_MAX];
     int64_t time_ns = (int64_t)period * servo->period_ns;
     uint64_t number = get(&servo->ticks);
     int64_t cpu = pal_rt_cpu_now();
-    uint32_t stale = read_devices(servo, time_ns, in);
+    uint32_t stale = read_devices(servo, time_ns, missed, in);
     int64_t posed = pal_rt_now();
     (void)pal_engine_force(servo->engine, in, out);
     int64_t forced = pal_rt_now();
@@ -281,7 +288,7 @@ static void run_realtime(pal_servo *servo) {
             break;
         }
         int64_t over = grid.anchor + (int64_t)(grid.next + 1) * grid.period;
-        tick(servo, grid.next, wake, lateness, over - grid.period / 32);
+        tick(servo, grid.next, missed, wake, lateness, over - grid.period / 32);
         grid.next++;
         if (get(&servo->ticks) == 1) {
             faults = page_faults();
@@ -296,7 +303,7 @@ static void run_freewheel(pal_servo *servo) {
         if (frame) {
             gate_step(servo); // takers drain what is old
         }
-        tick(servo, n, pal_rt_now(), 0, 0);
+        tick(servo, n, 0, pal_rt_now(), 0, 0);
         if (frame) {
             gate_step(servo); // takers take this tick's
         }

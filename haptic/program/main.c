@@ -16,6 +16,7 @@ static const command commands[] = {
     {"press", command_press, "SCENE|MODEL --patch NAME --by X,Y,Z: force of a bonded patch"},
     {"run", command_run, "SCENE|MODEL [--for S] [--freewheel] [--record FILE] [--snapshot PNG]: feel it"},
     {"recover", command_recover, "FILE: the recording of a run that was killed"},
+    {"replay", command_replay, "FILE --model SCENE|MODEL: a recording felt again; every force bit for bit?"},
     {"view", command_view, "SCENE|MODEL: the running model in a window; the mouse can be the tool"},
     {"doctor", command_doctor, "is this machine ready for real time?"},
     {"schema", command_schema, "every key of a scene"},

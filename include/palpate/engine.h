@@ -31,9 +31,16 @@ typedef struct pal_tool_state {
     double position[3];
     double orientation[4]; ///< w, x, y, z
     uint32_t buttons;      ///< bit 0: grasp
-    uint32_t reserved;
+    uint32_t flags;        ///< PALPATE_STATE_STALE and periods missed; a device leaves it 0
     int64_t time_ns;       ///< device time stamp; 0: none
 } pal_tool_state;
+
+/// pal_tool_state.flags, set by the servo (a host with a loop of its own may do the same), so that all
+/// the engine's answer depends on is in its input and a recording can be replayed.
+enum {
+    PALPATE_STATE_STALE = 1,       ///< the device refused; the pose is the last one it gave
+    PALPATE_STATE_MISSED_SHIFT = 8 ///< flags >> 8: periods that passed without a tick before this one
+};
 
 /// Fault bits of pal_tool_force.fault. X(name, bit, text)
 #define PALPATE_FAULT_LIST(X)                                                                      \
