@@ -14,6 +14,7 @@ static const command commands[] = {
     {"precompute", command_precompute, "SCENE [-o MODEL]: build and certify the model of a scene"},
     {"info", command_info, "MODEL: what is in it, its certificate, its cost"},
     {"press", command_press, "SCENE|MODEL --patch NAME --by X,Y,Z: force of a bonded patch"},
+    {"indent", command_indent, "SCENE|MODEL --tool NAME --depths D1,D2,...: a rigid tool pressed in, F(d)"},
     {"run", command_run, "SCENE|MODEL [--for S] [--freewheel] [--record FILE] [--snapshot PNG]: feel it"},
     {"recover", command_recover, "FILE: the recording of a run that was killed"},
     {"replay", command_replay, "FILE --model SCENE|MODEL: a recording felt again; every force bit for bit?"},

@@ -18,6 +18,7 @@
 int command_precompute(int argc, char **argv);
 int command_info(int argc, char **argv);
 int command_press(int argc, char **argv);
+int command_indent(int argc, char **argv);
 int command_schema(int argc, char **argv);
 int command_run(int argc, char **argv);
 int command_view(int argc, char **argv);

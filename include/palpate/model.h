@@ -141,6 +141,36 @@ PALPATE_API pal_status pal_model_press(const pal_model *model, const char *patch
                                        pal_press *out, pal_error *error);
 PALPATE_API void pal_press_clear(pal_press *press);
 
+/// Contact law of a pressed tool.
+typedef enum pal_indent_law {
+    PALPATE_INDENT_REST = 0, ///< linearised about the rest shape: contact along the tool's axis (Hertz)
+    PALPATE_INDENT_FULL = 1  ///< on the deformed shape: contact along the tool's surface normals
+} pal_indent_law;
+
+/// One depth of an indentation.
+typedef struct pal_indent_result {
+    double depth;           ///< travel of the tool from its `start` along its axis [m]
+    double force;           ///< magnitude of the tool's force on the body [N]
+    double force_vector[3]; ///< that force [N]
+    double radius;          ///< of the circle with the area of contact seen along the axis [m]; 0: below one node
+    int32_t contacts;       ///< places that carry force
+    int32_t iterations;     ///< of the complementarity solver
+    int32_t cut_off;        ///< 1: the solver was stopped early; the force is that of its best iterate
+} pal_indent_result;
+
+/// Press a rigid, frictionless tool along its axis by given depths, from its `start`; its own axis (local
+/// -z) points along `axis`. Contact is unilateral at the touchable nodes, and for a tip under which no
+/// node lies at the point of the surface on its axis. Small-strain response, no dynamics.
+/// @param tool    needs has_start and axis; device, coupling, friction and limits are not used
+/// @param depths  >= 0 [m], shape [count], any order
+/// @param[out] out  shape [count]
+/// @return PALPATE_OK; _ARGUMENT (no start, nothing touchable under the tool, a bad depth),
+///         _UNSUPPORTED (a point with the full law), _MEMORY
+/// Cost: O(k^3) per depth for k touched nodes. Source: Aras et al. 2014, section 3; indent.c.
+PALPATE_API pal_status pal_model_indent(const pal_model *model, const pal_tool_def *tool, pal_indent_law law,
+                                        const double *depths, int32_t count, pal_indent_result *out,
+                                        pal_error *error);
+
 #ifdef __cplusplus
 }
 #endif
