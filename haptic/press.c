@@ -29,8 +29,9 @@ static const pal_patch *find_patch(const pal_model *model, const char *name, pal
         at += n > 0 ? (size_t)n : 0;
     }
     (void)pal_fail(error, PALPATE_ERROR_NOT_FOUND,
-                   "patch \"%.64s\": the model has no such patch; its patches are: %s", name,
-                   names);
+                   "patch \"%.64s\": the model has no such patch; its patches are: %s; name one of them "
+                   "or add it to body.patches in the scene",
+                   name, names);
     return NULL;
 }
 

@@ -16,6 +16,7 @@
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include "haptic/error.h"
@@ -411,8 +412,34 @@ static pal_status open_raw(conversion *c, pal_error *error) {
     return status;
 }
 
+/// HDF5 cannot be left in peace once a write has failed, so a full disk is found before it starts.
+static pal_status check_space(const conversion *c, const char *path, pal_error *error) {
+    struct statvfs disk;
+    char folder[PALPATE_RECORDING_PATH];
+    (void)snprintf(folder, sizeof folder, "%s", path);
+    char *slash = strrchr(folder, '/');
+    (void)snprintf(slash != NULL ? slash + 1 : folder, 2, ".");
+    double need = (double)c->records * sizeof(pal_tick_record) + 65536.0;
+    if (c->has_frames) { // displacement and position
+        need += 2.0 * (double)c->frame_count * (double)c->frames_header.item_bytes;
+    }
+    if (statvfs(folder, &disk) != 0) {
+        return PALPATE_OK; // the writing itself will tell
+    }
+    double free_bytes = (double)disk.f_bavail * (double)disk.f_frsize;
+    return need <= free_bytes ? PALPATE_OK
+                              : pal_fail(error, PALPATE_ERROR_IO,
+                                         "%s: its %.1f MB do not fit into the %.1f MB that are free; free "
+                                         "space, then `palpate recover %s`",
+                                         path, 1e-6 * need, 1e-6 * free_bytes, path);
+}
+
 static pal_status convert(conversion *c, const char *path, pal_error *error) {
     pal_status status = open_raw(c, error);
+    if (status != PALPATE_OK) {
+        return status;
+    }
+    status = check_space(c, path, error);
     if (status != PALPATE_OK) {
         return status;
     }

@@ -17,7 +17,8 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
 static const char doc[] =
     "Tell what this machine lacks for a 1 kHz servo, with a remedy per line.\v"
     "Exit status 0 when every check is ok or only a warning, 1 when real time is refused. Nothing on the "
-    "machine is changed.";
+    "machine is changed.\n\n"
+    "Example:\n  palpate doctor";
 
 int command_doctor(int argc, char **argv) {
     common_options o = {.command = "palpate doctor"};

@@ -65,8 +65,8 @@ static const char doc[] =
     "($PALPATE_CACHE, else $XDG_CACHE_HOME/palpate, else ~/.cache/palpate) under a hash of all that "
     "determines it: any change of physics rebuilds, nothing else does. A model that fails its "
     "certificate is not written unless the scene says `certify: warn`.\n\n"
-    "Example:\n  palpate precompute scenes/hemisphere.yaml -o hemisphere.palpate "
-    "--set body.material.poisson=0.45";
+    "Example:\n  palpate precompute scenes/hemisphere.yaml -o hemisphere.palpate \\\n"
+    "    --set body.material.poisson=0.45";
 
 /// Refine until the estimate meets the target. The error goes with the spacing, which sets the steps.
 static pal_status refine(source *s, options *o, pal_error *error) {

@@ -1,6 +1,7 @@
 /// @file command_press.c  palpate press SCENE|MODEL --patch NAME --by X,Y,Z
 #include "haptic/program/program.h"
 
+#include <math.h>
 #include <stdio.h>
 
 typedef struct options {
@@ -77,6 +78,22 @@ static void print_result(const source *s, const pal_press *press, const options 
                  info.method, c->reciprocity, c->passive ? "passive" : "not passive");
 }
 
+/// Small strain ends somewhere: what a linear answer beyond it is worth must be said.
+static int is_large(const source *s, const double by[3], char *text, size_t size) {
+    pal_model_info info;
+    pal_model_get_info(s->model, &info);
+    double body = 0.0, move = 0.0;
+    for (int d = 0; d < 3; d++) {
+        body = fmax(body, info.bounds_max[d] - info.bounds_min[d]);
+        move = hypot(move, by[d]);
+    }
+    (void)snprintf(text, size,
+                   "--by is %.3g m, %.0f %% of the body's %.3g m: the answer is linear, far beyond small "
+                   "strain (lengths are in metres)",
+                   move, 100.0 * move / body, body);
+    return move > 0.2 * body;
+}
+
 int command_press(int argc, char **argv) {
     options o = {.common = {.command = "palpate press"}};
     const struct argp_child children[] = {{&common_argp, 0, NULL, 0}, {0}};
@@ -95,7 +112,12 @@ int command_press(int argc, char **argv) {
         source_close(&s);
         return report_error(&o.common, status, &error);
     }
+    char large[256];
+    int warn = is_large(&s, o.by, large, sizeof large);
     source_print_warnings(&s, &o.common);
+    if (warn) {
+        (void)fprintf(stderr, "warning: %s\n", large);
+    }
     if (o.common.json) {
         pal_model_info info;
         pal_model_get_info(s.model, &info);
@@ -112,7 +134,11 @@ int command_press(int argc, char **argv) {
         json_object_set_new(object, "nodes", json_integer(info.node_count));
         json_object_set_new(object, "method", json_string(info.method));
         json_object_set_new(object, "certificate", json_certificate(&info.certificate));
-        json_object_set_new(object, "warnings", source_warnings_json(&s));
+        json_t *warnings = source_warnings_json(&s);
+        if (warn) {
+            json_array_append_new(warnings, json_string(large));
+        }
+        json_object_set_new(object, "warnings", warnings);
         print_json(object);
     } else {
         print_result(&s, &press, &o);

@@ -32,7 +32,7 @@ static double positive(const char *text, const char *name, struct argp_state *st
     char *end = NULL;
     double v = strtod(text, &end);
     if (end == text || *end != '\0' || !isfinite(v) || v <= 0.0 || v > 1e7) {
-        argp_error(state, "%s %s: a positive number of seconds", name, text);
+        argp_error(state, "%s %s: a number of seconds, more than 0, up to 1e7", name, text);
     }
     return v;
 }
@@ -116,7 +116,8 @@ static const char doc[] =
     "Ticks + missed is the number of periods that passed. Compute is the engine's time per tick, lateness how "
     "late the thread woke up: the first judges Palpate, the second the machine (`palpate doctor`). Forces are "
     "those on the tool. A MODEL file needs neither the scene nor any GPL library.\n\n"
-    "Example:\n  palpate run scenes/hemisphere.yaml --for 10 --snapshot hemisphere.png --record press.h5";
+    "Example:\n  palpate run scenes/hemisphere.yaml --for 10 --snapshot hemisphere.png \\\n"
+    "    --record press.h5";
 
 /// Devices of the tools; a tool without one cannot be run.
 static pal_status create_devices(const pal_runtime_config *runtime, pal_session_def *def, double *longest,

@@ -12,7 +12,8 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
     return ARGP_ERR_UNKNOWN;
 }
 
-static const char doc[] = "List every key of a scene: type, unit, what is allowed, default, meaning.";
+static const char doc[] = "List every key of a scene: type, unit, what is allowed, default, meaning.\v"
+                          "Example:\n  palpate schema | grep -A2 spacing";
 
 int command_schema(int argc, char **argv) {
     common_options o = {.command = "palpate schema"};

@@ -340,6 +340,10 @@ int command_view(int argc, char **argv) {
     if (o.common.json) {
         print_json(json_pack("{s:I,s:I,s:I,s:f}", "ticks", (json_int_t)r.ticks, "missed", (json_int_t)r.missed,
                              "frames", (json_int_t)v.frames, "peak_force", r.peak_force));
+    } else {
+        (void)printf("%llu ticks, %llu missed; %llu pictures drawn; peak force %.4f N on the tool\n",
+                     (unsigned long long)r.ticks, (unsigned long long)r.missed, (unsigned long long)v.frames,
+                     r.peak_force);
     }
     return 0;
 }

@@ -41,6 +41,11 @@ int main(int argc, char **argv) {
         (void)printf("palpate %s\n", pal_version());
         return 0;
     }
+    if (argc == 3 && strcmp(argv[1], "help") == 0) { // `help press` is `press --help`
+        static char help[] = "--help";
+        argv[1] = argv[2];
+        argv[2] = help;
+    }
     if (argc >= 2 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 ||
                       strcmp(argv[1], "help") == 0)) {
         usage(stdout);

@@ -2,9 +2,11 @@
 #include "haptic/view/view.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <gif_lib.h>
@@ -49,7 +51,9 @@ struct pal_gif {
     ColorMapObject *map;
     int width, height, delay; ///< delay in 1/100 s
     GifByteType *line;
-    int frames;
+    char *path;
+    int frames, failed;
+    int regular; ///< not a device or a pipe
 };
 
 /// Bayer's 4 x 4 ordered dither, in [0, 1).
@@ -75,10 +79,20 @@ pal_status pal_gif_open(const char *path, int width, int height, double frame_se
     g->delay = (int)(100.0 * frame_seconds + 0.5);
     g->line = malloc((size_t)width);
     g->map = GifMakeMapObject(256, colours);
-    g->file = EGifOpenFileName(path, false, &code);
-    if (g->line == NULL || g->map == NULL || g->file == NULL) {
+    g->path = strdup(path);
+    int fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666); // giflib's own mode is 0600
+    int why = fd < 0 ? errno : 0;
+    struct stat found;
+    g->regular = fd >= 0 && fstat(fd, &found) == 0 && S_ISREG(found.st_mode);
+    g->file = fd < 0 ? NULL : EGifOpenFileHandle(fd, &code);
+    if (fd >= 0 && g->file == NULL) {
+        (void)close(fd);
+    }
+    if (g->line == NULL || g->map == NULL || g->path == NULL || g->file == NULL) {
         pal_status status = pal_fail(error, PALPATE_ERROR_IO, "%s: the GIF cannot be written: %s", path,
-                                     code ? GifErrorString(code) : "out of memory");
+                                     why    ? strerror(why)
+                                     : code ? GifErrorString(code)
+                                            : "out of memory");
         (void)pal_gif_close(g, NULL);
         return status;
     }
@@ -89,8 +103,9 @@ pal_status pal_gif_open(const char *path, int width, int height, double frame_se
         EGifPutExtensionBlock(g->file, 11, "NETSCAPE2.0") == GIF_ERROR ||
         EGifPutExtensionBlock(g->file, 3, loop) == GIF_ERROR ||
         EGifPutExtensionTrailer(g->file) == GIF_ERROR) {
+        g->failed = 1;
         (void)pal_gif_close(g, NULL);
-        return pal_fail(error, PALPATE_ERROR_IO, "%s: the GIF cannot be written", path);
+        return pal_fail(error, PALPATE_ERROR_IO, "%s: the GIF cannot be written (disk full?)", path);
     }
     *out = g;
     return PALPATE_OK;
@@ -115,7 +130,10 @@ pal_status pal_gif_add(pal_gif *g, const uint8_t *rgba, pal_error *error) {
         ok = EGifPutLine(g->file, g->line, g->width) != GIF_ERROR;
     }
     g->frames += ok;
-    return ok ? PALPATE_OK : pal_fail(error, PALPATE_ERROR_IO, "frame %d of the GIF cannot be written", g->frames);
+    g->failed |= !ok;
+    return ok ? PALPATE_OK
+              : pal_fail(error, PALPATE_ERROR_IO, "%s: picture %d of the GIF cannot be written (disk full?)",
+                         g->path, g->frames + 1);
 }
 
 pal_status pal_gif_close(pal_gif *g, pal_error *error) {
@@ -125,11 +143,15 @@ pal_status pal_gif_close(pal_gif *g, pal_error *error) {
     }
     if (g->file != NULL) {
         ok = EGifCloseFile(g->file, &code) != GIF_ERROR;
+        if ((!ok || g->failed) && g->regular && g->path != NULL) { // a torn animation is worth nothing
+            (void)remove(g->path);
+        }
     }
     if (g->map != NULL) {
         GifFreeMapObject(g->map);
     }
     free(g->line);
+    free(g->path);
     free(g);
     return ok ? PALPATE_OK : pal_fail(error, PALPATE_ERROR_IO, "the GIF cannot be finished: %s", GifErrorString(code));
 }

@@ -32,7 +32,8 @@ static program_result run(const char *format, ...) {
 
 static void every_command_helps_with_an_example(void **state) {
     (void)state;
-    static const char *const command[] = {"precompute", "info", "press", "run"};
+    static const char *const command[] = {"precompute", "info",   "press",  "run",
+                                          "view",       "doctor", "schema", "recover"};
     for (size_t i = 0; i < sizeof command / sizeof command[0]; i++) {
         program_result r = run("%s --help", command[i]);
         assert_int_equal(r.status, 0);
@@ -47,6 +48,10 @@ static void every_command_helps_with_an_example(void **state) {
     r = run("nonsense");
     assert_int_equal(r.status, 2);
     assert_non_null(strstr(r.error, "nonsense"));
+    program_clear(&r);
+    r = run("help press"); // as `press --help`
+    assert_int_equal(r.status, 0);
+    assert_non_null(strstr(r.out, "--patch"));
     program_clear(&r);
     r = run("schema --json");
     assert_int_equal(r.status, 0);
