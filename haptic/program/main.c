@@ -39,7 +39,7 @@ static void usage(FILE *out) {
 int main(int argc, char **argv) {
     if (argc >= 2 && (strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0)) {
         (void)printf("palpate %s\n", pal_version());
-        return 0;
+        return print_finish(0);
     }
     if (argc == 3 && strcmp(argv[1], "help") == 0) { // `help press` is `press --help`
         static char help[] = "--help";
@@ -49,14 +49,14 @@ int main(int argc, char **argv) {
     if (argc >= 2 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 ||
                       strcmp(argv[1], "help") == 0)) {
         usage(stdout);
-        return 0;
+        return print_finish(0);
     }
     for (int i = 0; argc >= 2 && i < COMMAND_COUNT; i++) {
         if (strcmp(argv[1], commands[i].name) == 0) {
             char name[64];
             (void)snprintf(name, sizeof name, "palpate %s", commands[i].name);
             argv[1] = name;
-            return commands[i].run(argc - 1, argv + 1);
+            return print_finish(commands[i].run(argc - 1, argv + 1));
         }
     }
     if (argc >= 2) {

@@ -1,17 +1,29 @@
 /// @file output.c  What commands print: JSON (jansson) or text for people.
 #include "haptic/program/program.h"
 
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
+static int print_failed = 0; // a result did not get out
+
 void print_json(json_t *object) {
     if (json_dumpf(object, stdout, JSON_INDENT(1) | JSON_REAL_PRECISION(12)) != 0) {
         (void)fprintf(stderr, "palpate: the result cannot be written as JSON\n");
+        print_failed = 1;
     }
     (void)putchar('\n');
     (void)fflush(stdout);
     json_decref(object);
+}
+
+int print_finish(int status) {
+    if (fflush(stdout) != 0 || ferror(stdout)) {
+        (void)fprintf(stderr, "palpate: standard output cannot be written: %s\n", strerror(errno));
+        print_failed = 1;
+    }
+    return status == 0 && print_failed ? 1 : status;
 }
 
 int report_error(const common_options *options, pal_status status, const pal_error *error) {

@@ -89,6 +89,9 @@ void progress_end(void);
 /// ---- Output (output.c) ----------------------------------------------------------------------------
 /// Print the one JSON object and free it.
 void print_json(json_t *object);
+/// The exit status after all was printed: `status`, but never 0 when a result did not get out (a
+/// full disk, a value that JSON cannot hold).
+int print_finish(int status);
 /// Report an error on stderr (and as {"error": ...} on stdout with --json). @return exit status
 int report_error(const common_options *options, pal_status status, const pal_error *error);
 json_t *json_vector3(const double v[3]);

@@ -193,6 +193,22 @@ static int cache_entries(const char *directory) {
 }
 
 /// SIGINT at several moments of a build: it ends, nothing is left in the cache directory.
+/// /dev/full takes nothing: a result that did not get out is no success.
+static void lost_output_is_not_success(void **state) {
+    (void)state;
+    static const char *const command[] = {"--version", "--help", "schema", "info --json", "info"};
+    for (size_t i = 0; i < sizeof command / sizeof command[0]; i++) {
+        char line[600];
+        for (int full = 0; full < 2; full++) {
+            (void)snprintf(line, sizeof line, "\"$PALPATE\" %s %s > /dev/%s 2> /dev/null", command[i],
+                           strncmp(command[i], "info", 4) == 0 ? model_path : "",
+                           full ? "full" : "null");
+            int status = system(line); // NOLINT(cert-env33-c): our own program
+            assert_int_equal(WIFEXITED(status) && WEXITSTATUS(status) == 0, !full);
+        }
+    }
+}
+
 static void an_interrupt_leaves_nothing_half_written(void **state) {
     (void)state;
     char cache[] = "/tmp/palpate-int-XXXXXX";
@@ -252,6 +268,7 @@ int main(void) {
         cmocka_unit_test(a_model_file_presses_like_its_scene),
         cmocka_unit_test(h5dump_reads_the_model),
         cmocka_unit_test(errors_are_located_and_exit_is_not_zero),
+        cmocka_unit_test(lost_output_is_not_success),
         cmocka_unit_test(an_interrupt_leaves_nothing_half_written),
     };
     return cmocka_run_group_tests(tests, setup, teardown);

@@ -189,16 +189,26 @@ static void pressing_equals_a_direct_solve_with_dirichlet_rows(void **state) {
         assert_int_equal(LAPACKE_dgesv(LAPACK_COL_MAJOR, r.n, 1, a, r.n, pivot, u, r.n), 0);
         pal_sparse_multiply(&r.system.matrix, 1.0 / r.unit, u, f); // f = K u
         double total[3] = {0, 0, 0}, worst_force = 0.0, size_force = 0.0, worst = 0.0;
+        double center[3] = {0, 0, 0}, moment[3] = {0, 0, 0}; // about the patch's mean position
+        for (int64_t i = 0; i < 3 * count; i++) {
+            int64_t node = m->column_node[patch->column[i / 3]];
+            center[i % 3] += r.cloud.length * r.cloud.position[3 * node + i % 3] / (double)count;
+        }
         for (int64_t i = 0; i < 3 * count; i++) {
             const pal_sparse *b = &r.system.load;
             int64_t j = 3 * (int64_t)m->column_node[patch->column[i / 3]] + i % 3;
             double nodal = f[b->row[b->start[j]]] / b->value[b->start[j]];
             total[i % 3] += nodal;
+            int p = (int)(i + 1) % 3, q = (int)(i + 2) % 3; // arm x e_c = arm_q e_p - arm_p e_q
+            const double *x = r.cloud.position + 3 * (j / 3);
+            moment[p] += nodal * (r.cloud.length * x[q] - center[q]);
+            moment[q] -= nodal * (r.cloud.length * x[p] - center[p]);
             worst_force = fmax(worst_force, fabs(nodal - press.node_force[i]));
             size_force = fmax(size_force, fabs(nodal));
         }
         for (int c = 0; c < 3; c++) {
             assert_true(fabs(total[c] - press.force[c]) <= tolerance * fabs(total[2]));
+            assert_true(fabs(moment[c] - press.moment[c]) <= tolerance * 0.05 * fabs(total[2]));
         }
         if (!(worst_force <= tolerance * size_force)) {
             fail_msg("method %d: nodal forces off by %g of %g N (cond %g)", k, worst_force,
@@ -344,6 +354,51 @@ static void symmetrizing_takes_the_mean(void **state) {
     assert_int_equal(m[1]->info.certificate.symmetrized, 1);
     pal_model_free(m[0]);
     pal_model_free(m[1]);
+}
+
+/// What the certificate says about forces, asked of the forces themselves.
+static void the_certificate_tells_what_forces_do(void **state) {
+    (void)state;
+    static const char *const kinds[] = {"method.kind=cell", "method.kind=galerkin",
+                                        "method.kind=point"};
+    for (int k = 0; k < 3; k++) {
+        pal_model *m[2];
+        for (int s = 0; s < 2; s++) {
+            pal_scene *scene;
+            OK(test_scene_load(
+                HEMISPHERE,
+                (const char *const[]){kinds[k], s ? "repair=symmetrize" : "repair=none", NULL}, &scene,
+                &error));
+            OK(pal_precompute(scene, NULL, &m[s], &error));
+            pal_scene_free(scene);
+        }
+        const pal_certificate *c = &m[1]->info.certificate;
+        double worst = 0.0;
+        for (int d = 0; d < 3; d++) { // the patch moved along each axis is among what is sampled
+            const double by[3] = {d == 0, d == 1, d == 2};
+            pal_press a, b;
+            OK(pal_model_press(m[0], "cap", by, &a, &error));
+            OK(pal_model_press(m[1], "cap", by, &b, &error));
+            double off = hypot(hypot(b.force[0] - a.force[0], b.force[1] - a.force[1]),
+                               b.force[2] - a.force[2]);
+            worst = fmax(worst, off / hypot(hypot(a.force[0], a.force[1]), a.force[2]));
+            pal_press_clear(&a);
+            pal_press_clear(&b);
+        }
+        assert_true(c->force_change >= worst * (1.0 - 1e-6) - 1e-12);
+        assert_true(k < 2 || worst > 0.01); // point: symmetrizing moves forces, and it says so
+        for (int s = 0; s < 2; s++) {
+            c = &m[s]->info.certificate;
+            assert_true(c->solve_residual >= 0.0 && c->solve_residual < 1e-10);
+            assert_true(c->rcond > 0.0 && c->rcond <= 1.0 && c->mls_worst_condition >= 1.0);
+            // supports push back with just the force applied (equilibrium of the whole body)
+            assert_true(k == 2 || (c->force_balance >= 0.0 && c->force_balance < 1e-9));
+        }
+        assert_int_equal(m[0]->info.certificate.passive, 0);
+        assert_true(k == 2 || m[1]->info.certificate.passive);
+        pal_model_free(m[0]);
+        pal_model_free(m[1]);
+    }
 }
 
 /// ---- Precision -------------------------------------------------------------------------------
@@ -556,6 +611,7 @@ int main(void) {
         cmocka_unit_test(every_column_is_lapacks),
         cmocka_unit_test(skipping_unwanted_unknowns_changes_no_bit),
         cmocka_unit_test(symmetrizing_takes_the_mean),
+        cmocka_unit_test(the_certificate_tells_what_forces_do),
         cmocka_unit_test(rows_are_rounded_once),
         cmocka_unit_test(half_rows_make_room_for_unsampled_columns),
         cmocka_unit_test(a_poor_factor_is_refined),
