@@ -194,6 +194,7 @@ pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def, 
     assert(at == block + bytes);
     for (int32_t t = 0; t < def->tool_count; t++) {
         pal_output_init(&engine->output[t], &engine->tools[t].limits, def->period);
+        pal_watchdog_init(&engine->watchdog[t], def->period);
     }
     *out = engine;
     return PALPATE_OK;
@@ -211,6 +212,7 @@ void pal_engine_reset(pal_engine *engine) {
         engine->input[t] = (pal_contact_tool){0};
         engine->force[t] = (pal_tool_force){0};
         pal_output_reset(&engine->output[t]);
+        pal_watchdog_init(&engine->watchdog[t], engine->def.period);
     }
 }
 
@@ -253,12 +255,12 @@ static uint32_t read_input(pal_engine *engine, int32_t t, const pal_tool_state *
     memcpy(pose.orientation, in->orientation, sizeof pose.orientation);
     if (!pal_pose_valid(&pose)) {
         value[0] = offending(in);
-        return PALPATE_FAULT_INPUT;
+        return PALPATE_FAULT_INPUT | pal_watchdog_step(&engine->watchdog[t], in, NULL, value);
     }
     pal_frames_to_body(&engine->frames, in->position, in->orientation, &tool->pose);
     tool->closed = (in->buttons & 1u) != 0;
     tool->present = 1;
-    return 0;
+    return pal_watchdog_step(&engine->watchdog[t], in, tool->pose.position, value);
 }
 
 /// What the body does to the tool, in the device's frame, through the output stage.
@@ -276,6 +278,11 @@ static uint32_t write_output(pal_engine *engine, int32_t t, uint32_t fault, doub
     memcpy(out->normal, w->normal, sizeof out->normal);
     pal_frames_vector_to_device(&engine->frames, force, out->force);
     pal_frames_vector_to_device(&engine->frames, torque, out->torque);
+    double scale = engine->watchdog[t].scale;
+    for (int i = 0; scale < 1.0 && i < 3; i++) {
+        out->force[i] *= scale;
+        out->torque[i] *= scale;
+    }
     (void)pal_output_apply(&engine->output[t], out, value);
     engine->force[t] = *out;
     pal_frames_vector_to_body(&engine->frames, out->force, engine->force[t].force);

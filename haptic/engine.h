@@ -11,6 +11,7 @@
 #include "haptic/output.h"
 #include "haptic/pose.h"
 #include "haptic/snapshot.h"
+#include "haptic/watchdog.h"
 #include <palpate/engine.h>
 
 struct pal_engine {
@@ -23,6 +24,7 @@ struct pal_engine {
     void *contact;
     pal_contact_result result;                 ///< of the last tick
     pal_contact_tool input[PALPATE_TOOLS_MAX]; ///< last good poses, body frame
+    pal_watchdog watchdog[PALPATE_TOOLS_MAX];
     pal_output output[PALPATE_TOOLS_MAX];
     pal_tool_force force[PALPATE_TOOLS_MAX]; ///< given out, force and torque in the body frame
     float *force32;     ///< result.force x row_scale, rounded; shape [3 column_count]

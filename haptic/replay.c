@@ -28,14 +28,14 @@ static double length(const double v[3]) {
 
 /// The first member that differs bit for bit, or NULL.
 static const char *difference(const pal_tool_force *a, const pal_tool_force *b) {
-    return memcmp(a->force, b->force, sizeof a->force) != 0          ? "force"
-           : memcmp(a->torque, b->torque, sizeof a->torque) != 0     ? "torque"
-           : a->contact_count != b->contact_count                    ? "contacts"
-           : a->fault != b->fault                                    ? "fault"
-           : memcmp(&a->depth, &b->depth, sizeof a->depth) != 0      ? "depth"
+    return memcmp(a->force, b->force, sizeof a->force) != 0            ? "force"
+           : memcmp(a->torque, b->torque, sizeof a->torque) != 0       ? "torque"
+           : a->contact_count != b->contact_count                      ? "contacts"
+           : a->fault != b->fault                                      ? "fault"
+           : memcmp(&a->depth, &b->depth, sizeof a->depth) != 0        ? "depth"
            : memcmp(a->centroid, b->centroid, sizeof a->centroid) != 0 ? "centroid"
-           : memcmp(a->normal, b->normal, sizeof a->normal) != 0     ? "normal"
-                                                                     : NULL;
+           : memcmp(a->normal, b->normal, sizeof a->normal) != 0       ? "normal"
+                                                                       : NULL;
 }
 
 static void compare(replay *p, const pal_tick_record *row, const pal_tool_force *force) {

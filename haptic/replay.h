@@ -1,12 +1,12 @@
-/// @file replay.h  A recording felt again: the same engine, the same inputs, are the forces the same?
-/// (private; exported for the program).
+/// @file replay.h  A recording felt again: the same engine, the same inputs, are the forces the
+/// same? (private; exported for the program).
 ///
 /// A finished recording (HDF5, recording_file.c) holds all that the engine's answer depends on: its
-/// definition (tools, poses, period, limits) and the input of every tick as the engine got it, device
-/// refusals and missed periods included (pal_tool_state.flags). Replaying builds an engine by that
-/// definition and feeds it tick by tick, on a thread set up as the servo's (denormals flushed). On
-/// the same build and model every recorded output must come out bit for bit; on another model the
-/// report says how much that one would have felt different.
+/// definition (tools, poses, period, limits) and the input of every tick as the engine got it,
+/// device refusals and missed periods included (pal_tool_state.flags). Replaying builds an engine
+/// by that definition and feeds it tick by tick, on a thread set up as the servo's (denormals
+/// flushed). On the same build and model every recorded output must come out bit for bit; on
+/// another model the report says how much that one would have felt different.
 ///
 /// A recording with holes (records lost to a full disk, the dump of a ring that starts late) is
 /// replayed as far as it goes; the engine's memory of what is missing (slew, watchdog, active set)
@@ -50,13 +50,13 @@ typedef struct pal_replay_report {
         int32_t tool;
         const char *what; ///< "force", "torque", ...
         pal_tool_force recorded, replayed;
-    } first;                 ///< first difference; `what` is NULL without one
-    double peak_difference;  ///< largest |replayed - recorded force| [N]
-    double rms_difference;   ///< root mean square of it over the records [N]
-    uint64_t peak_tick;      ///< tick of peak_difference
-    double recorded_peak;    ///< largest |force| recorded [N]
-    double replayed_peak;    ///< and replayed [N]
-    int32_t hash_matches;    ///< 1: the model is the one that was recorded
+    } first;                ///< first difference; `what` is NULL without one
+    double peak_difference; ///< largest |replayed - recorded force| [N]
+    double rms_difference;  ///< root mean square of it over the records [N]
+    uint64_t peak_tick;     ///< tick of peak_difference
+    double recorded_peak;   ///< largest |force| recorded [N]
+    double replayed_peak;   ///< and replayed [N]
+    int32_t hash_matches;   ///< 1: the model is the one that was recorded
 } pal_replay_report;
 
 /// Replay on `model`. Blocks; not for the servo thread.

@@ -1,8 +1,9 @@
-/// @file replay_read.c  A finished recording (HDF5) back into an engine's definition and tick records.
+/// @file replay_read.c  A finished recording (HDF5) back into an engine's definition and tick
+/// records.
 ///
-/// Nothing in the file is trusted: types, ranks and dimensions are checked by h5.c, the definition by
-/// pal_engine_create, tool indices here. Rows are read in pieces, so a file's claim about its length
-/// allocates nothing.
+/// Nothing in the file is trusted: types, ranks and dimensions are checked by h5.c, the definition
+/// by pal_engine_create, tool indices here. Rows are read in pieces, so a file's claim about its
+/// length allocates nothing.
 #include "haptic/replay_read.h"
 
 #include <math.h>
@@ -22,8 +23,7 @@ static pal_status read_whole(pal_h5 *file, const char *path, int64_t *value, pal
 
 static pal_status read_pose(pal_h5 *file, const char *path, pal_pose *pose, pal_error *error) {
     double v[7];
-    pal_status status =
-        pal_h5_read(file, path, PALPATE_H5_F64, 1, (const int64_t[]){7}, v, error);
+    pal_status status = pal_h5_read(file, path, PALPATE_H5_F64, 1, (const int64_t[]){7}, v, error);
     if (status == PALPATE_OK) {
         memcpy(pose->position, v, sizeof pose->position);
         memcpy(pose->orientation, v + 3, sizeof pose->orientation);
@@ -70,9 +70,9 @@ static pal_status read_facts(pal_recording *r, pal_error *error) {
         return status;
     }
     if (strcmp(format, "palpate recording 2") != 0) {
-        return pal_fail(error, PALPATE_ERROR_VERSION,
-                        "/format: '%s', this program replays 'palpate recording 2'; record it again",
-                        format);
+        return pal_fail(
+            error, PALPATE_ERROR_VERSION,
+            "/format: '%s', this program replays 'palpate recording 2'; record it again", format);
     }
     const struct {
         const char *path;
@@ -181,9 +181,8 @@ const pal_recording_info *pal_recording_get_info(const pal_recording *recording)
 pal_status pal_recording_rows(pal_recording *r, int64_t first, int64_t count, pal_tick_record *out,
                               pal_error *error) {
     if (first < 0 || count < 0 || first > r->info.records || count > r->info.records - first) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "recording: rows %lld to %lld of %lld", (long long)first,
-                        (long long)(first + count), (long long)r->info.records);
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "recording: rows %lld to %lld of %lld",
+                        (long long)first, (long long)(first + count), (long long)r->info.records);
     }
     double *column = malloc((size_t)(count + 1) * 4 * sizeof *column);
     if (column == NULL) {

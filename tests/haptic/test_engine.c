@@ -327,7 +327,7 @@ static void unfactorable_block_keeps_the_last_force_and_says_so(void **state) {
     pal_tool_force out = rig_press(&r, 0, 0, 0.0039, 0.003, 5);
     assert_true(out.fault & PALPATE_FAULT_SINGULAR);
     assert_true(norm(out.force) > 0.0 && isfinite(norm(out.force)));
-    out = rig_tick(&r, 0, 0, 0.05);
+    out = rig_tick(&r, 0, 0, 0.02); // 17 m/s: no jump for the watchdog
     assert_true(norm(out.force) == 0.0 && out.fault == 0); // leaving ends it
     rig_free(&r);
 }

@@ -55,7 +55,8 @@ static int tear_down(void **state) {
     return system(command);
 }
 
-// ---- A device with faults: refuses reads, gives NaN, and once holds the servo up ------------------
+// ---- A device with faults: refuses reads, gives NaN, and once holds the servo up
+// ------------------
 
 typedef struct faulty {
     pal_device inner;
