@@ -79,7 +79,7 @@ static pal_status order_nodes(const pal_cloud *c, int32_t *order, pal_error *err
 
 static pal_status renumber(pal_cloud *c, pal_error *error) {
     size_t n = (size_t)c->node_count;
-    int32_t *order = malloc(2 * n * sizeof *order);
+    int32_t *order = calloc(2 * n, sizeof *order);
     double *position = malloc(3 * n * sizeof *position);
     if (order == NULL || position == NULL) {
         free(order);
@@ -124,9 +124,9 @@ static pal_status assemble(const pal_body *body, const pal_mesh_fill *fill, pal_
     c->node_count = (int32_t)n;
     c->triangle_count = m->triangle_count;
     c->tet_count = fill->tet_count;
-    c->position = malloc(3 * n * sizeof *c->position);
-    c->triangle = malloc(3 * (size_t)c->triangle_count * sizeof *c->triangle);
-    c->tet = malloc(4 * (size_t)c->tet_count * sizeof *c->tet);
+    c->position = calloc(3 * n, sizeof *c->position);
+    c->triangle = calloc(3 * (size_t)c->triangle_count, sizeof *c->triangle);
+    c->tet = calloc(4 * (size_t)c->tet_count, sizeof *c->tet);
     if (c->position == NULL || c->triangle == NULL || c->tet == NULL) {
         return pal_fail(error, PALPATE_ERROR_MEMORY, "cloud: no memory for %zu nodes", n);
     }
@@ -175,9 +175,9 @@ static double estimate_nodes(const pal_surface_mesh *m, const pal_size_field *si
         cell *= step[d];
     }
     for (int i = 0; i < SAMPLES * SAMPLES * SAMPLES; i++) {
-        const double x[3] = {low[0] + step[0] * (i % SAMPLES + 0.5),
-                             low[1] + step[1] * (i / SAMPLES % SAMPLES + 0.5),
-                             low[2] + step[2] * (i / SAMPLES / SAMPLES + 0.5)};
+        int a = i % SAMPLES, b = i / SAMPLES % SAMPLES, c = i / SAMPLES / SAMPLES;
+        const double x[3] = {low[0] + step[0] * (a + 0.5), low[1] + step[1] * (b + 0.5),
+                             low[2] + step[2] * (c + 0.5)};
         double h = pal_size_at(size, x);
         sum += cell / (h * h * h);
     }

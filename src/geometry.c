@@ -66,7 +66,7 @@ static pal_status make_box(const pal_scene *scene, pal_body *body, pal_error *er
     static const int32_t quad[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4},
                                        {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
     const double *size = scene->geometry.size;
-    double center[3], low[3], high[3], x[24];
+    double center[3] = {0.0, 0.0, 0.0}, low[3], high[3], x[24];
     int32_t v[36];
     int16_t face[12];
     body->length = fmax(size[0], fmax(size[1], size[2]));

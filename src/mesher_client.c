@@ -246,7 +246,7 @@ static pal_status converse(talk *t, const pal_mesher_request *head, const double
                            const int32_t *triangle, const pal_mesher_source *source,
                            const pal_progress *progress, pal_mesh_fill *out, pal_error *error) {
     size_t n = (size_t)head->vertex_count, m = (size_t)head->triangle_count;
-    pal_mesher_reply reply;
+    pal_mesher_reply reply = {0};
     const struct {
         const void *data;
         size_t size;
@@ -273,7 +273,7 @@ static pal_status converse(talk *t, const pal_mesher_request *head, const double
     out->inside_count = reply.inside_count;
     out->tet_count = reply.tet_count;
     out->inside = malloc((3 * (size_t)reply.inside_count + 1) * sizeof *out->inside);
-    out->tet = malloc(4 * (size_t)reply.tet_count * sizeof *out->tet);
+    out->tet = calloc(4 * (size_t)reply.tet_count + 1, sizeof *out->tet);
     if (out->inside == NULL || out->tet == NULL) {
         return pal_fail(error, PALPATE_ERROR_MEMORY, "cloud: no memory for %d cells", reply.tet_count);
     }

@@ -385,7 +385,8 @@ static void relax(pal_surface_mesh *m, const pal_shape *shape, const pal_size_fi
         } else {
             smooth_target(m, i, target);
         }
-        for (double step = kind == PALPATE_VERTEX_CURVE ? 1.0 : 0.8; step > 0.1; step *= 0.5) {
+        double step = kind == PALPATE_VERTEX_CURVE ? 1.0 : 0.8;
+        for (int halving = 0; halving < 4; halving++, step *= 0.5) {
             for (int c = 0; c < 3; c++) {
                 x[c] = at(m, i)[c] + step * (target[c] - at(m, i)[c]);
             }

@@ -35,6 +35,7 @@ static int grow(void *pointer, size_t count, size_t size) {
         return 0;
     }
     memcpy(pointer, &fresh, sizeof fresh);
+    // cppcheck-suppress memleak  ; *pointer owns it
     return 1;
 }
 
@@ -414,7 +415,7 @@ double pal_smesh_normal(const pal_surface_mesh *m, int32_t t, int32_t vertex, co
     const double *p[3];
     for (int k = 0; k < 3; k++) {
         int32_t v = m->v[3 * (size_t)t + (size_t)k];
-        p[k] = v == vertex ? moved : m->x + 3 * (size_t)v;
+        p[k] = moved != NULL && v == vertex ? moved : m->x + 3 * (size_t)v;
     }
     v3_normal(p[0], p[1], p[2], n);
     double norm = v3_norm(n);

@@ -84,6 +84,7 @@ static int grow(void *pointer, size_t count, size_t size) {
     if (fresh != NULL) {
         memcpy(pointer, &fresh, sizeof fresh);
     }
+    // cppcheck-suppress memleak  ; *pointer owns it
     return fresh != NULL;
 }
 
@@ -261,7 +262,8 @@ static void relax_node(work *w, int32_t node) {
         v3_copy(x, best);
     }
     // search around only where it is needed
-    for (double step = 0.12 * reach / count; top < 0.55 && step > 0.01 * reach / count; step *= 0.5) {
+    double step = 0.12 * reach / count;
+    for (int halving = 0; top < 0.55 && halving < 4; halving++, step *= 0.5) {
         for (int d = 0; d < 6; d++) {
             v3_copy(best, x);
             x[d / 2] += d & 1 ? -step : step;
@@ -278,7 +280,8 @@ static void relax_node(work *w, int32_t node) {
 static pal_status prepare(work *w, const double *surface, const int32_t *triangle,
                           int32_t triangle_count, const pal_mesh_fill *fill) {
     size_t s = (size_t)w->surface_count;
-    if (!reserve(w, w->surface_count + fill->inside_count, fill->tet_count)) {
+    if (!reserve(w, w->surface_count + fill->inside_count, fill->tet_count) || w->x == NULL ||
+        w->tet == NULL) {
         return PALPATE_ERROR_MEMORY;
     }
     w->edge_count = 3 * (size_t)triangle_count;
