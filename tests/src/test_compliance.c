@@ -32,7 +32,9 @@ static const char HEMISPHERE[] =
     "  material: {young: 10e3, poisson: 0.4}\n"
     "  fixed: [{below: {z: 0.0}}]\n"
     "  touchable: [{ball: {center: [0, 0, 0.05], radius: 0.04}}]\n"
-    "  patches: {cap: {ball: {center: [0, 0, 0.05], radius: 0.018}, rim_spacing: 0.008}}\n"
+    "  patches:\n"
+    "    cap: {ball: {center: [0, 0, 0.05], radius: 0.018}, rim_spacing: 0.008}\n"
+    "    side: {ball: {center: [0.035, 0, 0.035], radius: 0.016}, rim_spacing: none}\n"
     "  probes: {inside: [0.004, 0.007, 0.03], low: [-0.01, 0.01, 0.012]}\n"
     "repair: none\n"
     "certify: warn\n"
@@ -322,6 +324,33 @@ static void skipping_unwanted_unknowns_changes_no_bit(void **state) {
     }
 }
 
+/// Every patch is its own ball's surface nodes, all of them.
+static void patches_are_what_their_selectors_say(void **state) {
+    (void)state;
+    static const double center[2][3] = {{0, 0, 0.05}, {0.035, 0, 0.035}}, radius[2] = {0.018, 0.016};
+    rig r;
+    rig_open(&r, HEMISPHERE, NULL);
+    assert_int_equal(r.model->info.patch_count, 2);
+    for (int p = 0; p < 2; p++) {
+        const pal_patch *patch = &r.model->patch[p];
+        int32_t inside = 0;
+        for (int32_t i = 0; i < r.model->info.surface_count; i++) {
+            double d = 0.0;
+            for (int c = 0; c < 3; c++) {
+                d = hypot(d, r.model->position[3 * i + c] - center[p][c]);
+            }
+            if (d <= radius[p] + 1e-6 * 0.1 && !(r.model->node_flags[i] & PALPATE_NODE_FIXED)) {
+                assert_true(inside < patch->count);
+                assert_int_equal(r.model->column_node[patch->column[inside]], i);
+                inside++;
+            }
+        }
+        assert_int_equal(inside, patch->count);
+        assert_true(inside > 2);
+    }
+    rig_close(&r);
+}
+
 /// Symmetrizing: the mean of the raw block and its transpose, and nothing else changes.
 static void symmetrizing_takes_the_mean(void **state) {
     (void)state;
@@ -596,6 +625,17 @@ static void units_scale_out(void **state) {
                 worst = fmax(worst, fabs(m->probe_row[i] * e * size - reference->probe_row[i]));
             }
             assert_true(largest > 0.1 && worst <= 1e-8 * largest);
+            // what else has a unit: volumes, areas, places
+            assert_true(fabs(m->info.volume / (0.48 * size * size * size) - 1.0) < 1e-5); // the grid of nodes
+            double area = 0.0;
+            for (int32_t i = 0; i < m->info.surface_count; i++) {
+                for (int d = 0; d < 3; d++) {
+                    area += m->area_vector[3 * i + d] * m->position[3 * i + d];
+                }
+            }
+            assert_true(fabs(area / (3.0 * m->info.volume) - 1.0) < 0.1); // divergence theorem, lumped
+            assert_true(fabs(m->info.bounds_max[0] / (0.5 * size) - 1.0) < 1e-5);
+            assert_true(fabs(m->info.spacing_mean / size / reference->info.spacing_mean - 1.0) < 1e-8);
             assert_true(fabs(m->info.certificate.max_eigenvalue * e * size /
                                  reference->info.certificate.max_eigenvalue - 1.0) < 1e-5);
             assert_int_equal(m->info.certificate.pass, reference->info.certificate.pass);
@@ -610,6 +650,7 @@ int main(void) {
         cmocka_unit_test(pressing_equals_a_direct_solve_with_dirichlet_rows),
         cmocka_unit_test(every_column_is_lapacks),
         cmocka_unit_test(skipping_unwanted_unknowns_changes_no_bit),
+        cmocka_unit_test(patches_are_what_their_selectors_say),
         cmocka_unit_test(symmetrizing_takes_the_mean),
         cmocka_unit_test(the_certificate_tells_what_forces_do),
         cmocka_unit_test(rows_are_rounded_once),
