@@ -283,7 +283,10 @@ pal_status pal_model_alloc_rows(pal_model *model, pal_error *error) {
     }
     // the sweep walks a dozen columns at once: with 4 KiB pages it would miss the TLB in each
     size_t alignment = bytes >= 2 * HUGE_PAGE ? HUGE_PAGE : ROW_ALIGNMENT;
-    void *rows = bytes <= PTRDIFF_MAX ? aligned_alloc(alignment, bytes) : NULL;
+    // C17 leaves a size that is no multiple of the alignment to the library; AddressSanitizer refuses it
+    void *rows = bytes <= PTRDIFF_MAX - HUGE_PAGE
+                     ? aligned_alloc(alignment, (bytes + alignment - 1) / alignment * alignment)
+                     : NULL;
     if (rows == NULL) {
         return pal_fail(
             error, PALPATE_ERROR_MEMORY,
