@@ -13,6 +13,7 @@
 
 #include "haptic/error.h"
 #include "src/lu_solve.h"
+#include "src/memory_plan.h"
 
 struct pal_factor {
     int32_t n;
@@ -51,99 +52,122 @@ void pal_factor_free(pal_factor *f) {
     free(f);
 }
 
-/// Copy UMFPACK's factors into the block solver's layout.
-static pal_status extract_lu(pal_factor *f, pal_error *error) {
-    SuiteSparse_long lnz, unz, rows, columns, nz_diagonal;
-    pal_lu *lu = &f->lu;
-    pal_status status = PALPATE_ERROR_MEMORY;
-    SuiteSparse_long *lp = NULL, *lj = NULL, *up = NULL, *ui = NULL, *p = NULL, *q = NULL, recip = 0;
-    double *lx = NULL, *ux = NULL;
-    if (umfpack_dl_get_lunz(&lnz, &unz, &rows, &columns, &nz_diagonal, f->numeric) != UMFPACK_OK) {
-        return pal_fail(error, PALPATE_ERROR_SINGULAR, "UMFPACK did not return its factors");
+/// A triangular factor by columns (or rows), strictly below (or beyond) the diagonal.
+typedef struct triangle {
+    int64_t *start;
+    int32_t *index;
+    double *value;
+} triangle;
+
+static void triangle_clear(triangle *t) {
+    free(t->start);
+    free(t->index);
+    free(t->value);
+    memset(t, 0, sizeof *t);
+}
+
+static int triangle_alloc(size_t n, size_t entries, triangle *t) {
+    t->start = calloc(n + 2, sizeof *t->start);
+    t->index = malloc((entries + 1) * sizeof *t->index);
+    t->value = malloc((entries + 1) * sizeof *t->value);
+    return t->start == NULL || t->index == NULL || t->value == NULL;
+}
+
+/// Transpose what UMFPACK returns (L by rows, U by columns), dropping the diagonal; diagonal may be NULL.
+static int transpose(size_t n, const SuiteSparse_long *start, const SuiteSparse_long *index,
+                     const double *value, double *diagonal, triangle *t) {
+    if (triangle_alloc(n, (size_t)start[n], t) != 0) {
+        return -1;
     }
+    for (size_t i = 0; i < n; i++) {
+        for (SuiteSparse_long e = start[i]; e < start[i + 1]; e++) {
+            if ((size_t)index[e] != i) {
+                t->start[index[e] + 2]++;
+            } else if (diagonal != NULL) {
+                diagonal[i] = 1.0 / value[e];
+            }
+        }
+    }
+    for (size_t j = 1; j <= n + 1; j++) {
+        t->start[j] += t->start[j - 1];
+    }
+    for (size_t i = 0; i < n; i++) {
+        for (SuiteSparse_long e = start[i]; e < start[i + 1]; e++) {
+            if ((size_t)index[e] != i) {
+                int64_t at = t->start[index[e] + 1]++;
+                t->index[at] = (int32_t)i;
+                t->value[at] = value[e];
+            }
+        }
+    }
+    return 0;
+}
+
+static int alloc_orders(pal_factor *f) {
     size_t n = (size_t)f->n;
-    lp = malloc((n + 1) * sizeof *lp);
-    lj = malloc((size_t)lnz * sizeof *lj);
-    lx = malloc((size_t)lnz * sizeof *lx);
-    up = malloc((n + 1) * sizeof *up);
-    ui = malloc((size_t)unz * sizeof *ui);
-    ux = malloc((size_t)unz * sizeof *ux);
-    p = malloc(n * sizeof *p);
-    q = malloc(n * sizeof *q);
+    pal_lu *lu = &f->lu;
     lu->n = f->n;
-    lu->l_start = calloc(n + 2, sizeof *lu->l_start);
-    lu->l_row = malloc((size_t)lnz * sizeof *lu->l_row);
-    lu->l_value = malloc((size_t)lnz * sizeof *lu->l_value);
-    lu->u_start = malloc((n + 1) * sizeof *lu->u_start);
-    lu->u_row = malloc((size_t)unz * sizeof *lu->u_row);
-    lu->u_value = malloc((size_t)unz * sizeof *lu->u_value);
     lu->diagonal = malloc(n * sizeof *lu->diagonal);
     lu->row_order = malloc(n * sizeof *lu->row_order);
     lu->column_order = malloc(n * sizeof *lu->column_order);
     lu->row_scale = malloc(n * sizeof *lu->row_scale);
-    if (!lp || !lj || !lx || !up || !ui || !ux || !p || !q || !lu->l_start || !lu->l_row ||
-        !lu->l_value || !lu->u_start || !lu->u_row || !lu->u_value || !lu->diagonal ||
-        !lu->row_order || !lu->column_order || !lu->row_scale) {
-        pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for the factors (%lld entries)",
-                 (long long)(lnz + unz));
-        goto done;
+    return !lu->diagonal || !lu->row_order || !lu->column_order || !lu->row_scale;
+}
+
+static pal_status no_memory(int64_t entries, pal_error *error) {
+    return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for the factors (%lld entries)",
+                    (long long)entries);
+}
+
+/// Copy UMFPACK's factors into the block solver's panels, L first and then U: one at a time in memory.
+static pal_status extract_lu(pal_factor *f, pal_error *error) {
+    SuiteSparse_long lnz, unz, rows, columns, nz_diagonal, recip = 0;
+    pal_lu *lu = &f->lu;
+    if (umfpack_dl_get_lunz(&lnz, &unz, &rows, &columns, &nz_diagonal, f->numeric) != UMFPACK_OK) {
+        return pal_fail(error, PALPATE_ERROR_SINGULAR, "UMFPACK did not return its factors");
     }
-    if (umfpack_dl_get_numeric(lp, lj, lx, up, ui, ux, p, q, NULL, &recip, lu->row_scale,
+    size_t n = (size_t)f->n, most = (size_t)(lnz > unz ? lnz : unz);
+    SuiteSparse_long *start = malloc((n + 1) * sizeof *start), *index = malloc(most * sizeof *index);
+    SuiteSparse_long *p = malloc(n * sizeof *p), *q = malloc(n * sizeof *q);
+    double *value = malloc(most * sizeof *value);
+    triangle t = {0};
+    pal_status status = PALPATE_OK;
+    if (!start || !index || !p || !q || !value || alloc_orders(f) != 0) {
+        status = no_memory(lnz + unz, error);
+    }
+    if (status == PALPATE_OK &&
+        umfpack_dl_get_numeric(start, index, value, NULL, NULL, NULL, p, q, NULL, &recip, lu->row_scale,
                                f->numeric) != UMFPACK_OK) {
         status = pal_fail(error, PALPATE_ERROR_SINGULAR, "UMFPACK did not return its factors");
-        goto done;
     }
-    for (size_t i = 0; i < n; i++) {
+    for (size_t i = 0; status == PALPATE_OK && i < n; i++) {
         lu->row_order[i] = (int32_t)p[i];
         lu->column_order[i] = (int32_t)q[i];
         if (!recip) {
             lu->row_scale[i] = 1.0 / lu->row_scale[i];
         }
     }
-    // L comes by rows with its unit diagonal: transpose, dropping the diagonal
-    for (size_t i = 0; i < n; i++) {
-        for (SuiteSparse_long e = lp[i]; e < lp[i + 1]; e++) {
-            if ((size_t)lj[e] != i) {
-                lu->l_start[lj[e] + 2]++;
-            }
-        }
+    if (status == PALPATE_OK &&
+        (transpose(n, start, index, value, NULL, &t) != 0 ||
+         pal_lu_panels_make(f->n, t.start, t.index, t.value, 0, &lu->lower) != 0)) {
+        status = no_memory(lnz, error);
     }
-    for (size_t j = 1; j <= n + 1; j++) {
-        lu->l_start[j] += lu->l_start[j - 1];
+    triangle_clear(&t);
+    if (status == PALPATE_OK && umfpack_dl_get_numeric(NULL, NULL, NULL, start, index, value, NULL, NULL,
+                                                       NULL, NULL, NULL, f->numeric) != UMFPACK_OK) {
+        status = pal_fail(error, PALPATE_ERROR_SINGULAR, "UMFPACK did not return its factors");
     }
-    for (size_t i = 0; i < n; i++) {
-        for (SuiteSparse_long e = lp[i]; e < lp[i + 1]; e++) {
-            if ((size_t)lj[e] != i) {
-                int64_t at = lu->l_start[lj[e] + 1]++;
-                lu->l_row[at] = (int32_t)i;
-                lu->l_value[at] = lx[e];
-            }
-        }
+    if (status == PALPATE_OK &&
+        (transpose(n, start, index, value, lu->diagonal, &t) != 0 ||
+         pal_lu_panels_make(f->n, t.start, t.index, t.value, 1, &lu->upper) != 0)) {
+        status = no_memory(unz, error);
     }
-    // U comes by columns with its diagonal
-    int64_t at = 0;
-    for (size_t j = 0; j < n; j++) {
-        lu->u_start[j] = at;
-        for (SuiteSparse_long e = up[j]; e < up[j + 1]; e++) {
-            if ((size_t)ui[e] == j) {
-                lu->diagonal[j] = 1.0 / ux[e];
-            } else {
-                lu->u_row[at] = (int32_t)ui[e];
-                lu->u_value[at++] = ux[e];
-            }
-        }
-    }
-    lu->u_start[n] = at;
-    status = PALPATE_OK;
-done:
-    free(lp);
-    free(lj);
-    free(lx);
-    free(up);
-    free(ui);
-    free(ux);
+    triangle_clear(&t);
+    free(start);
+    free(index);
     free(p);
     free(q);
+    free(value);
     return status;
 }
 
@@ -163,8 +187,26 @@ static pal_status singular_message(const double *info, int32_t n, pal_error *err
                     n - (info[UMFPACK_NROW] - info[UMFPACK_UDIAG_NZ]), n, info[UMFPACK_RCOND]);
 }
 
-static pal_status create_lu(pal_factor *f, const pal_sparse *k, pal_factor_report *report,
-                            pal_error *error) {
+/// Refuse a factorization that will not fit, before its numerical phase: with `entries` known from the
+/// symbolic analysis (exact unless pivots leave the diagonal), `bytes_each` at the peak (which is
+/// our extraction: the library's factor, its copy, its transpose and the panels), and 1 kB a thread and
+/// unknown for the solves.
+static pal_status check_memory(int32_t n, double entries, double bytes_each, uint64_t reserve,
+                               pal_error *error) {
+    double need = entries * bytes_each + 2000.0 * n + (double)reserve;
+    double available = (double)pal_memory_available();
+    if (available <= 0.0 || need <= available) {
+        return PALPATE_OK;
+    }
+    return pal_fail(error, PALPATE_ERROR_MEMORY,
+                    "the factors of %d unknowns (%.3g million entries) and the compliance need about "
+                    "%.1f GB of memory and %.1f GB are free: use a larger body.spacing, narrow "
+                    "body.touchable or store less (store.displacement)",
+                    n, 1e-6 * entries, 1e-9 * need, 1e-9 * available);
+}
+
+static pal_status create_lu(pal_factor *f, const pal_sparse *k, uint64_t reserve,
+                            pal_factor_report *report, pal_error *error) {
     double control[UMFPACK_CONTROL], info[UMFPACK_INFO];
     umfpack_dl_defaults(control);
     control[UMFPACK_STRATEGY] = UMFPACK_STRATEGY_SYMMETRIC;
@@ -177,6 +219,11 @@ static pal_status create_lu(pal_factor *f, const pal_sparse *k, pal_factor_repor
     SuiteSparse_long n = (SuiteSparse_long)k->columns;
     SuiteSparse_long s = umfpack_dl_symbolic(n, n, ap, ai, k->value, &symbolic, control, info);
     if (s == UMFPACK_OK) {
+        pal_status fits = check_memory(f->n, info[UMFPACK_SYMMETRIC_LUNZ], 32.0, reserve, error);
+        if (fits != PALPATE_OK) {
+            umfpack_dl_free_symbolic(&symbolic);
+            return fits;
+        }
         s = umfpack_dl_numeric(ap, ai, k->value, symbolic, &f->numeric, control, info);
     }
     if (symbolic != NULL) {
@@ -212,7 +259,7 @@ static pal_status create_lu(pal_factor *f, const pal_sparse *k, pal_factor_repor
                        ordering);
         report->rcond = rcond;
         report->nonzeros = (int64_t)(info[UMFPACK_LNZ] + info[UMFPACK_UNZ]);
-        report->bytes = (uint64_t)(12.0 * (info[UMFPACK_LNZ] + info[UMFPACK_UNZ]));
+        report->bytes = pal_lu_bytes(&f->lu);
         report->flops = info[UMFPACK_FLOPS];
     }
     return PALPATE_OK;
@@ -246,62 +293,52 @@ static void chol_start(cholmod_common *common) {
     common->postorder = 1;
 }
 
-/// Copy CHOLMOD's L (simplicial, packed) into the block solver's layout: with D its diagonal,
-/// L L^T = (L D^-1) (D L^T), a unit lower and an upper triangular factor.
+/// Copy CHOLMOD's L (simplicial, packed) into the block solver's panels: with D its diagonal,
+/// L L^T = (L D^-1) (D L^T), a unit lower and an upper triangular factor of the same pattern.
 static pal_status extract_cholesky(pal_factor *f, pal_error *error) {
     const cholmod_factor *c = f->chol;
     const SuiteSparse_long *start = c->p, *row = c->i, *permutation = c->Perm;
     const double *value = c->x;
     pal_lu *lu = &f->lu;
     size_t n = (size_t)f->n, entries = (size_t)start[n];
-    lu->n = f->n;
-    lu->l_start = malloc((n + 1) * sizeof *lu->l_start);
-    lu->u_start = calloc(n + 2, sizeof *lu->u_start);
-    lu->l_row = malloc(entries * sizeof *lu->l_row);
-    lu->u_row = malloc(entries * sizeof *lu->u_row);
-    lu->l_value = malloc(entries * sizeof *lu->l_value);
-    lu->u_value = malloc(entries * sizeof *lu->u_value);
-    lu->diagonal = malloc(n * sizeof *lu->diagonal);
-    lu->row_order = malloc(n * sizeof *lu->row_order);
-    lu->column_order = malloc(n * sizeof *lu->column_order);
-    lu->row_scale = malloc(n * sizeof *lu->row_scale);
-    if (!lu->l_start || !lu->u_start || !lu->l_row || !lu->u_row || !lu->l_value || !lu->u_value ||
-        !lu->diagonal || !lu->row_order || !lu->column_order || !lu->row_scale) {
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for the factors (%zu entries)",
-                        2 * entries);
+    triangle t = {0};
+    if (alloc_orders(f) != 0 || triangle_alloc(n, entries, &t) != 0) {
+        triangle_clear(&t);
+        return no_memory((int64_t)entries, error);
     }
-    int64_t at = 0;
-    for (size_t j = 0; j < n; j++) { // each column starts with its diagonal
-        double d = value[start[j]];
-        lu->diagonal[j] = 1.0 / (d * d);
-        lu->row_order[j] = lu->column_order[j] = (int32_t)permutation[j];
-        lu->row_scale[j] = 1.0;
-        lu->l_start[j] = at;
-        for (SuiteSparse_long e = start[j] + 1; e < start[j + 1]; e++) {
-            lu->l_row[at] = (int32_t)row[e];
-            lu->l_value[at++] = value[e] / d;
-            lu->u_start[row[e] + 2]++;
+    int failed = 0;
+    for (int upper = 0; upper < 2 && !failed; upper++) {
+        int64_t at = 0;
+        for (size_t j = 0; j < n; j++) { // each column starts with its diagonal
+            double d = value[start[j]];
+            lu->diagonal[j] = 1.0 / (d * d);
+            lu->row_order[j] = lu->column_order[j] = (int32_t)permutation[j];
+            lu->row_scale[j] = 1.0;
+            t.start[j] = at;
+            for (SuiteSparse_long e = start[j] + 1; e < start[j + 1]; e++) {
+                t.index[at] = (int32_t)row[e];
+                t.value[at++] = upper ? d * value[e] : value[e] / d;
+            }
         }
+        t.start[n] = at;
+        failed = pal_lu_panels_make(f->n, t.start, t.index, t.value, upper,
+                                    upper ? &lu->upper : &lu->lower) != 0;
     }
-    lu->l_start[n] = at;
-    for (size_t j = 1; j <= n + 1; j++) {
-        lu->u_start[j] += lu->u_start[j - 1];
-    }
-    for (size_t i = 0; i < n; i++) { // column k of D L^T holds d_i L_ki
-        for (SuiteSparse_long e = start[i] + 1; e < start[i + 1]; e++) {
-            int64_t to = lu->u_start[row[e] + 1]++;
-            lu->u_row[to] = (int32_t)i;
-            lu->u_value[to] = value[start[i]] * value[e];
-        }
-    }
-    return PALPATE_OK;
+    triangle_clear(&t);
+    return failed ? no_memory((int64_t)entries, error) : PALPATE_OK;
 }
 
-static pal_status create_cholesky(pal_factor *f, const pal_sparse *k, pal_factor_report *report,
-                                  pal_error *error) {
+static pal_status create_cholesky(pal_factor *f, const pal_sparse *k, uint64_t reserve,
+                                  pal_factor_report *report, pal_error *error) {
     cholmod_sparse a = chol_view(k);
     cholmod_common *common = &f->common;
     f->chol = cholmod_l_analyze(&a, common);
+    if (f->chol != NULL) {
+        pal_status fits = check_memory(f->n, common->lnz, 48.0, reserve, error);
+        if (fits != PALPATE_OK) {
+            return fits;
+        }
+    }
     if (f->chol == NULL || cholmod_l_factorize(&a, f->chol, common) == 0 ||
         common->status == CHOLMOD_OUT_OF_MEMORY || common->status == CHOLMOD_TOO_LARGE) {
         return pal_fail(error, PALPATE_ERROR_MEMORY,
@@ -327,7 +364,7 @@ static pal_status create_cholesky(pal_factor *f, const pal_sparse *k, pal_factor
                        version[0], version[1], version[2]);
         report->rcond = rcond;
         report->nonzeros = (int64_t)common->method[common->selected].lnz;
-        report->bytes = (uint64_t)(24.0 * common->method[common->selected].lnz);
+        report->bytes = pal_lu_bytes(&f->lu);
         report->flops = common->method[common->selected].fl;
     }
     return status;
@@ -335,6 +372,12 @@ static pal_status create_cholesky(pal_factor *f, const pal_sparse *k, pal_factor
 
 pal_status pal_factor_create(const pal_sparse *k, int positive, const pal_progress *progress,
                              pal_factor **out, pal_factor_report *report, pal_error *error) {
+    return pal_factor_create_beside(k, positive, 0, progress, out, report, error);
+}
+
+pal_status pal_factor_create_beside(const pal_sparse *k, int positive, uint64_t reserve,
+                                    const pal_progress *progress, pal_factor **out,
+                                    pal_factor_report *report, pal_error *error) {
     *out = NULL;
     if (k->rows != k->columns || k->columns < 1 || k->columns > INT32_MAX / 4) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT, "cannot factor a %lld x %lld matrix",
@@ -360,9 +403,9 @@ pal_status pal_factor_create(const pal_sparse *k, int positive, const pal_progre
     pal_status status;
     if (positive) {
         chol_start(&f->common);
-        status = create_cholesky(f, k, report, error);
+        status = create_cholesky(f, k, reserve, report, error);
     } else {
-        status = create_lu(f, k, report, error);
+        status = create_lu(f, k, reserve, report, error);
     }
     if (status != PALPATE_OK) {
         pal_factor_free(f);
@@ -402,7 +445,7 @@ pal_status pal_factor_need(pal_factor *factor, const uint8_t *needed, pal_error 
     if (needed == NULL) {
         return PALPATE_OK;
     }
-    uint8_t *mark = malloc((size_t)factor->n);
+    uint8_t *mark = malloc((size_t)factor->lu.upper.count);
     if (mark == NULL) {
         return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory");
     }
@@ -418,7 +461,7 @@ pal_status pal_factor_solve(const pal_factor *factor, pal_factor_workspace *work
     }
     for (int32_t c = 0; c < count; c += PALPATE_LU_BLOCK) {
         int32_t m = count - c < PALPATE_LU_BLOCK ? count - c : PALPATE_LU_BLOCK;
-        pal_lu_solve(&factor->lu, m, x + (int64_t)c * factor->n, workspace->work);
+        pal_lu_solve(&factor->lu, pal_lu_best_variant(), m, x + (int64_t)c * factor->n, workspace->work);
     }
     return PALPATE_OK;
 }

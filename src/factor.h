@@ -22,7 +22,7 @@ typedef struct pal_factor pal_factor;
 typedef struct pal_factor_workspace pal_factor_workspace;
 
 /// Right-hand sides one call solves at once at the best speed.
-enum { PALPATE_FACTOR_BLOCK = 16 };
+enum { PALPATE_FACTOR_BLOCK = 32 };
 
 typedef struct pal_factor_report {
     char kind[96];        ///< e.g. "UMFPACK 5.7.9 (symmetric strategy, METIS)"
@@ -40,6 +40,11 @@ typedef struct pal_factor_report {
 ///         _CANCELLED (progress said so before the numerical phase)
 pal_status pal_factor_create(const pal_sparse *k, int positive, const pal_progress *progress,
                              pal_factor **out, pal_factor_report *report, pal_error *error);
+/// The same, refused before the numerical phase (PALPATE_ERROR_MEMORY) when the factors, whose size the
+/// symbolic analysis tells, and `reserve` bytes to be allocated next to them will not fit in memory.
+pal_status pal_factor_create_beside(const pal_sparse *k, int positive, uint64_t reserve,
+                                    const pal_progress *progress, pal_factor **out,
+                                    pal_factor_report *report, pal_error *error);
 void pal_factor_free(pal_factor *factor);
 
 pal_factor_workspace *pal_factor_workspace_new(const pal_factor *factor);

@@ -6,6 +6,9 @@
 
 #include <palpate/model.h>
 
+/// Bytes of the compliance blocks the solve stage will hold.
+uint64_t pal_memory_plan_blocks(const pal_model_info *info);
+
 /// Predicted peak bytes of the solve and certificate stages for a model's counts.
 uint64_t pal_memory_plan_peak(const pal_model_info *info);
 

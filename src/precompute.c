@@ -95,8 +95,9 @@ static pal_status build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const
     }
     if (status == PALPATE_OK) {
         begin = seconds_now();
-        status = pal_factor_create(&system.matrix, system.positive, progress, &factor, &factor_report,
-                                   error);
+        status = pal_factor_create_beside(&system.matrix, system.positive,
+                                          pal_memory_plan_blocks(&model->info), progress, &factor,
+                                          &factor_report, error);
         seconds->factor = seconds_now() - begin;
     }
     if (status == PALPATE_OK) {

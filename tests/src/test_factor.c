@@ -208,6 +208,22 @@ static void singular_matrices_are_refused(void **state) {
     clear(&a);
 }
 
+static void factors_that_will_not_fit_are_refused_before_they_are_made(void **state) {
+    (void)state;
+    pal_sparse a = operator3(6, 0.0, 0.0);
+    for (int positive = 0; positive < 2; positive++) {
+        pal_error e = {0};
+        pal_factor *f = NULL;
+        assert_int_equal(pal_factor_create_beside(&a, positive, 1ull << 60, NULL, &f, NULL, &e),
+                         PALPATE_ERROR_MEMORY);
+        assert_null(f);
+        assert_non_null(strstr(e.message, "body.spacing"));
+        assert_int_equal(pal_factor_create_beside(&a, positive, 1, NULL, &f, NULL, &e), PALPATE_OK);
+        pal_factor_free(f);
+    }
+    clear(&a);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(nonsymmetric_blocks_equal_umfpacks_own_solve),
@@ -215,6 +231,7 @@ int main(void) {
         cmocka_unit_test(solution_equals_dense_lapack),
         cmocka_unit_test(needed_unknowns_are_bitwise_those_of_the_full_solve),
         cmocka_unit_test(singular_matrices_are_refused),
+        cmocka_unit_test(factors_that_will_not_fit_are_refused_before_they_are_made),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
