@@ -46,6 +46,7 @@ SANITIZE_asan     := -fsanitize=address,undefined -fno-sanitize-recover=undefine
 SANITIZE_ubsan    := -fsanitize=undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 SANITIZE_tsan     := -fsanitize=thread -fno-omit-frame-pointer
 SANITIZE_coverage := --coverage -O0
+SANITIZE_fuzz     := -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 SANITIZE := $(SANITIZE_$(VARIANT))
 ifneq ($(VARIANT),plain)
 # warnings that sanitizer instrumentation makes up must not stop a sanitizer build
@@ -198,12 +199,14 @@ test: deps ## install what is missing, build, run all tests
 	@$(MAKE) --no-print-directory -j$(JOBS) run-tests
 
 # each part ends the whole when it fails
-check: ## what a change must pass: tests, then ASan+UBSan and TSan, then lint (long)
+check: ## what a change must pass: tests, ASan+UBSan, TSan, valgrind on small tests, lint, coverage (long)
 	@$(MAKE) --no-print-directory test
 	@sh .ci/deps.sh $(PACKAGES) $(PACKAGES_CHECK)
 	@$(MAKE) --no-print-directory asan
 	@$(MAKE) --no-print-directory tsan
+	@$(MAKE) --no-print-directory -j$(JOBS) memcheck
 	@$(MAKE) --no-print-directory lint
+	@$(MAKE) --no-print-directory coverage
 
 asan: ## build and run the tests with AddressSanitizer and UBSan
 	@$(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=asan BUILD=$(BUILD)/asan
@@ -211,6 +214,23 @@ ubsan: ## build and run the tests with UBSan
 	@$(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=ubsan BUILD=$(BUILD)/ubsan
 tsan: ## build and run the tests with ThreadSanitizer
 	@$(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=tsan BUILD=$(BUILD)/tsan
+
+# ---- Fuzzing: tests/fuzz/fuzz_NAME.c with its seeds in tests/fuzz/corpus/NAME ------------------
+FUZZ_SECONDS ?= 60
+FUZZ_SRC  := $(wildcard tests/fuzz/fuzz_*.c)
+FUZZ_BIN  := $(patsubst %.c,$(BUILD)/%,$(FUZZ_SRC))
+$(call obj,$(FUZZ_SRC)): EXTRA = $(call pc-cflags,$(ONLINE_PC))
+$(FUZZ_BIN): $(BUILD)/%: $(BUILD)/obj/%.o $(TEST_AUX_OBJ) $(OFFLINE_A) $(LIB_A)
+	@mkdir -p $(@D)
+	$(Q)$(CC) -fsanitize=fuzzer,address,undefined $< $(call obj,tests/support/synthetic_model.c) $(OFFLINE_A) $(LIB_A) $(ONLINE_LIBS) $(OFFLINE_LIBS) $(LDFLAGS) -o $@
+.PHONY: fuzz run-fuzz
+fuzz: ## fuzz every reader of files for FUZZ_SECONDS (60) each, T=scene only that one
+	@sh .ci/deps.sh $(PACKAGES) clang libclang-rt-14-dev
+	@$(MAKE) --no-print-directory -j$(JOBS) run-fuzz VARIANT=fuzz CC=clang OPT='-O1 -g' BUILD=$(BUILD)/fuzz
+run-fuzz: $(foreach b,$(FUZZ_BIN),$(if $(findstring $(T),$(b)),$(b)))
+	@for b in $^; do n=$${b##*/fuzz_}; mkdir -p $(BUILD)/corpus/$$n && echo "== $$n" && \
+		$$b -max_total_time=$(FUZZ_SECONDS) -max_len=4096 -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
+		-artifact_prefix=$(BUILD)/corpus/$$n- $(BUILD)/corpus/$$n tests/fuzz/corpus/$$n || exit 1; done
 
 # ---- Benches ---------------------------------------------------------------------------------
 BENCH_AUX := $(call obj,$(wildcard bench/common.c) tests/support/synthetic_model.c)
@@ -289,6 +309,12 @@ docs: build-all ## reference of the C API (doxygen) and of the scene's keys, bel
 	  echo 'PREDEFINED=__attribute__(x)='; echo 'USE_MDFILE_AS_MAINPAGE=README.md') | doxygen -
 	@$(PROGRAM) schema > $(BUILD)/docs/scene-keys.txt
 	@echo "$(BUILD)/docs/html/index.html $(BUILD)/docs/scene-keys.txt"
+
+VALGRIND_TESTS ?= output watchdog pose ring pace quantiles hash trajectory status replay
+.PHONY: memcheck
+memcheck: build-tests ## the small tests under valgrind
+	@for t in $(VALGRIND_TESTS); do valgrind -q --leak-check=full --errors-for-leak-kinds=definite \
+		--error-exitcode=9 $(BUILD)/tests/haptic/test_$$t || exit 1; done
 
 coverage: ## line coverage of the libraries by the tests
 	@$(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=coverage OPT=-g BUILD=$(BUILD)/coverage
