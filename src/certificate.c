@@ -121,7 +121,7 @@ static pal_status repair_and_sample(pal_repair repair, pal_model *model, pal_err
     pal_certificate *c = &model->info.certificate;
     int64_t n = 3 * (int64_t)model->info.column_count;
     double *raw = NULL;
-    if (repair != PALPATE_REPAIR_NONE && c->reciprocity > 0.0) {
+    if (repair != PALPATE_REPAIR_NONE && c->reciprocity > 1e-12) { // below: rounding, nothing to compare
         raw = malloc((size_t)(n * n) * sizeof *raw);
         if (raw == NULL) {
             return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for a copy of C_TT (%.2f GB)",
@@ -167,6 +167,10 @@ static void judge(pal_certificate *c, const pal_model *m, int finite) {
                        "%.0e): use more neighbours (method.neighbours) or a more even cloud",
                        c->mls_worst_point[0], c->mls_worst_point[1], c->mls_worst_point[2],
                        c->mls_worst_condition, STENCIL_GATE);
+    } else if (isnan(c->min_eigenvalue_ratio)) {
+        (void)snprintf(r, size,
+                       "the extreme eigenvalues of the touchable compliance did not converge, so nothing is known "
+                       "of its passivity; narrow body.touchable or use another method");
     } else if (!(c->min_eigenvalue_ratio > 0.0)) {
         (void)snprintf(r, size,
                        "the symmetric part of the touchable compliance is not positive definite (smallest "
