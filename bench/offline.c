@@ -10,8 +10,8 @@
 /// on sampled columns, interleaved, the ratio being of medians in the same run. Growth exponents: the
 /// slope of a least-squares line through (log nodes, log seconds or bytes).
 ///
-///     bench/offline [--large] [--quick] [--method NAME]
-/// (--large adds 20k nodes, --quick stops at 2k); writes bench/results/offline.csv, offline.png.
+///     bench/offline [--large | --middle | --quick] [--method NAME]
+/// (--large adds 20k nodes, --middle stops at 5k, --quick at 2k); writes bench/results/offline.csv, offline.png.
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -287,12 +287,12 @@ static void plot(void) {
     }
     (void)fprintf(g, "set datafile separator ','\nset terminal pngcairo size 1600,900\n"
                      "set output 'bench/results/offline.png'\nset multiplot layout 1,3\nset logscale xy\n"
-                     "set grid\nset key outside bottom\nset xlabel 'nodes'\n");
+                     "set grid\nset key below vertical maxrows 5\nset xlabel 'nodes'\n");
     static const char *const what[3] = {"seconds per stage", "MB", "CPU ms per column, one thread"};
     static const char *const columns[3][5] = {
         {"5:cloud", "6:assemble", "7:factor", "8:solve", "10:total"},
         {"12:peak", "13:predicted peak", "14:factors", "11:model", NULL},
-        {"16:in blocks", "17:one at a time", "18:one at a time and refined twice", NULL, NULL}};
+        {"16:in blocks", "17:one at a time", "18:refined twice", NULL, NULL}};
     static const double unit[3] = {1.0, 1e-6, 1e3};
     for (int p = 0; p < 3; p++) {
         (void)fprintf(g, "set ylabel '%s'\nplot ", what[p]);
@@ -316,6 +316,9 @@ int main(int argc, char **argv) {
     for (int i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--large") == 0) {
             sizes = 5;
+        } else if (strcmp(argv[i], "--plot") == 0) { // draw the CSV again
+            plot();
+            return 0;
         } else if (strcmp(argv[i], "--quick") == 0) {
             sizes = 2;
         } else if (strcmp(argv[i], "--middle") == 0) {
@@ -367,6 +370,7 @@ int main(int argc, char **argv) {
                           (unsigned long long)r->peak_bytes, (unsigned long long)r->predicted_bytes,
                           (unsigned long long)r->factor_bytes, (long long)r->factor_entries, r->block,
                           r->reference[0], r->reference[1], r->difference);
+            (void)fflush(csv);
         }
     }
     (void)fclose(csv);

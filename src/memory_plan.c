@@ -16,13 +16,13 @@ uint64_t pal_memory_plan_blocks(const pal_model_info *info) {
 
 uint64_t pal_memory_plan_peak(const pal_model_info *info) {
     uint64_t t = 3 * (uint64_t)info->column_count, n = 3 * (uint64_t)info->node_count;
-    // Before the symbolic analysis the factors are a guess (factor.c refuses by the exact count).
-    // Nested dissection of a 3-D body of n displacements fills about c n^(4/3) entries: 27 in CHOLMOD's
-    // L (48 bytes each while it is extracted), 60 in UMFPACK's L + U of the mixed galerkin system (32
-    // bytes each); measured by bench/offline on 1000 to 10 000 nodes.
+    // Before the symbolic analysis the factors are a guess (factor.c refuses by the exact count). From
+    // 1000 to 8000 nodes bench/offline finds 3.1 n^(5/3) entries in UMFPACK's L + U of the mixed galerkin
+    // system (within 3 %; 32 bytes each while they are extracted) and at most 1.4 n^(5/3) in CHOLMOD's L
+    // (48 bytes each), n the displacements. Nested dissection tends to n^(4/3): larger bodies need less.
     double dn = (double)n, cube = cbrt(dn);
-    double each = strcmp(info->method, "galerkin") == 0 ? 60.0 * 32.0 : 27.0 * 48.0;
-    uint64_t factors = (uint64_t)(each * dn * cube) + 8000 * n;
+    double each = strcmp(info->method, "galerkin") == 0 ? 3.1 * 32.0 : 1.4 * 48.0;
+    uint64_t factors = (uint64_t)(each * dn * cube * cube) + 2000 * n;
     uint64_t certificate = 8 * t * t; // copies C_TT for its factorization; the factors are freed by then
     return pal_memory_plan_blocks(info) + (factors > certificate ? factors : certificate);
 }
