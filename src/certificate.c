@@ -54,24 +54,32 @@ typedef struct contact_samples {
     double force_change, loop_raw, loop_stored; ///< worst so far; negative: none
 } contact_samples;
 
-/// One contact: relative change of its force when pressed along u, energy around closed paths.
+/// One contact: relative change of its force when pressed along each u, energy around closed paths.
+/// The two stiffnesses hold for every direction, so they are solved for once.
 static void add_contact(contact_samples *s, int32_t columns, const int32_t *set, int32_t count,
-                        const double u[3]) {
-    double a[9], b[9], size = 0.0, off = 0.0;
-    if (pal_contact_stiffness(s->raw, columns, set, count, a) != PALPATE_OK ||
-        pal_contact_stiffness(s->stored, columns, set, count, b) != PALPATE_OK) {
+                        const double u[][3], int directions) {
+    double a[9], b[9];
+    if (pal_contact_stiffness(s->raw, columns, set, count, a) != PALPATE_OK) {
         return;
     }
-    for (int i = 0; i < 3; i++) {
-        double f = 0.0, g = 0.0;
-        for (int j = 0; j < 3; j++) {
-            f += a[3 * i + j] * u[j];
-            g += b[3 * i + j] * u[j];
-        }
-        size += f * f;
-        off += (g - f) * (g - f);
+    if (s->stored == s->raw) {
+        memcpy(b, a, sizeof b);
+    } else if (pal_contact_stiffness(s->stored, columns, set, count, b) != PALPATE_OK) {
+        return;
     }
-    s->force_change = fmax(s->force_change, sqrt(off / size));
+    for (int k = 0; k < directions; k++) {
+        double size = 0.0, off = 0.0;
+        for (int i = 0; i < 3; i++) {
+            double f = 0.0, g = 0.0;
+            for (int j = 0; j < 3; j++) {
+                f += a[3 * i + j] * u[k][j];
+                g += b[3 * i + j] * u[k][j];
+            }
+            size += f * f;
+            off += (g - f) * (g - f);
+        }
+        s->force_change = fmax(s->force_change, sqrt(off / size));
+    }
     s->loop_raw = fmax(s->loop_raw, pal_loop_energy(a));
     s->loop_stored = fmax(s->loop_stored, pal_loop_energy(b));
 }
@@ -80,10 +88,10 @@ static void add_contact(contact_samples *s, int32_t columns, const int32_t *set,
 /// (pressed along the inward normal).
 static pal_status sample_contacts(const pal_model *m, contact_samples *s, pal_error *error) {
     int32_t t = m->info.column_count;
+    static const double axes[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     for (int32_t p = 0; p < m->info.patch_count; p++) {
-        for (int d = 0; d < 3 && m->patch[p].count <= CONTACT_NODES_MAX; d++) {
-            double u[3] = {d == 0, d == 1, d == 2};
-            add_contact(s, t, m->patch[p].column, m->patch[p].count, u);
+        if (m->patch[p].count <= CONTACT_NODES_MAX) {
+            add_contact(s, t, m->patch[p].column, m->patch[p].count, axes, 3);
         }
     }
     double *distance = malloc((size_t)t * sizeof *distance);
@@ -109,8 +117,8 @@ static pal_status sample_contacts(const pal_model *m, contact_samples *s, pal_er
             set[count++] = best;
         }
         const double *normal = m->normal + 3 * (int64_t)m->column_node[center];
-        double u[3] = {-normal[0], -normal[1], -normal[2]};
-        add_contact(s, t, set, count, u);
+        const double inward[1][3] = {{-normal[0], -normal[1], -normal[2]}};
+        add_contact(s, t, set, count, inward, 1);
     }
     free(distance);
     return PALPATE_OK;

@@ -10,10 +10,10 @@
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "haptic/error.h"
+#include "src/seconds.h"
 
 enum { SAMPLED_COLUMNS = 12, THREADS_MAX = 16 };
 /// A sampled residual above this earns every column one step of iterative refinement. Forces are
@@ -41,12 +41,6 @@ typedef struct job {
     const pal_progress *progress;
     double begin;
 } job;
-
-static double seconds_now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /// Put the right-hand side of model column `j` (dof 3 * column index + direction) into x (n).
 static void load_column(const job *w, int64_t j, double *x) {
@@ -156,7 +150,7 @@ static void work(job *w, int report) {
         int64_t done = atomic_fetch_add(&w->done, count) + count;
         if (report && w->progress != NULL && w->progress->call != NULL) {
             double f = (double)done / (double)w->column_count;
-            double left_s = (seconds_now() - w->begin) * (1.0 - f) / f;
+            double left_s = (pal_seconds_now() - w->begin) * (1.0 - f) / f;
             if (w->progress->call(w->progress->user, "solve", f, left_s) != 0) {
                 fail_job(w, PALPATE_ERROR_CANCELLED);
             }
@@ -277,7 +271,7 @@ static pal_status solve_all(job *w) {
     atomic_store(&w->next, 0);
     atomic_store(&w->done, 0);
     atomic_store(&w->status, PALPATE_OK);
-    w->begin = seconds_now();
+    w->begin = pal_seconds_now();
     long cpus = sysconf(_SC_NPROCESSORS_ONLN);
     int threads = cpus < 1 ? 1 : (int)(cpus > THREADS_MAX ? THREADS_MAX : cpus);
     pthread_t id[THREADS_MAX];

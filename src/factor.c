@@ -6,12 +6,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include <cholmod.h>
 #include <umfpack.h>
 
 #include "haptic/error.h"
+#include "src/seconds.h"
 #include "src/lu_solve.h"
 #include "src/memory_plan.h"
 
@@ -28,12 +28,6 @@ struct pal_factor_workspace {
     const pal_factor *factor;
     double *work;
 };
-
-static double seconds_now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 void pal_factor_free(pal_factor *f) {
     if (f == NULL) {
@@ -393,7 +387,7 @@ pal_status pal_factor_create_beside(const pal_sparse *k, int positive, uint64_t 
                             "the stiffness has an entry that is not finite");
         }
     }
-    double begin = seconds_now();
+    double begin = pal_seconds_now();
     pal_factor *f = calloc(1, sizeof *f);
     if (f == NULL) {
         return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory");
@@ -412,7 +406,7 @@ pal_status pal_factor_create_beside(const pal_sparse *k, int positive, uint64_t 
         return status;
     }
     if (report != NULL) {
-        report->seconds = seconds_now() - begin;
+        report->seconds = pal_seconds_now() - begin;
     }
     *out = f;
     return PALPATE_OK;

@@ -9,9 +9,9 @@
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/utsname.h>
-#include <time.h>
 
 #include "haptic/error.h"
+#include "src/seconds.h"
 #include "src/certificate.h"
 #include "src/cloud.h"
 #include "src/compliance.h"
@@ -23,12 +23,6 @@
 #include "src/scene.h"
 #include "src/scene_check.h"
 #include "src/skin.h"
-
-static double seconds_now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static int cancelled(const pal_progress *progress, const char *stage) {
     return progress != NULL && progress->call != NULL &&
@@ -83,7 +77,7 @@ static pal_status build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const
     if (status == PALPATE_OK) {
         status = pal_memory_plan_check(&model->info, error);
     }
-    double begin = seconds_now();
+    double begin = pal_seconds_now();
     if (status == PALPATE_OK && cancelled(progress, "assemble")) {
         status = pal_fail(error, PALPATE_ERROR_CANCELLED, "cancelled before assembly");
     }
@@ -91,27 +85,27 @@ static pal_status build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const
         status = pal_discretize(cloud, fixed, scene->poisson, &scene->method, progress, &system, error);
         (void)snprintf(model->info.method_options, sizeof model->info.method_options, "%s",
                        system.options);
-        seconds->assemble = seconds_now() - begin;
+        seconds->assemble = pal_seconds_now() - begin;
     }
     if (status == PALPATE_OK) {
-        begin = seconds_now();
+        begin = pal_seconds_now();
         status = pal_factor_create_beside(&system.matrix, system.positive,
                                           pal_memory_plan_blocks(&model->info), progress, &factor,
                                           &factor_report, error);
-        seconds->factor = seconds_now() - begin;
+        seconds->factor = pal_seconds_now() - begin;
     }
     if (status == PALPATE_OK) {
-        begin = seconds_now();
+        begin = pal_seconds_now();
         status = pal_compliance_solve(&system, factor, scene->young, cloud->length, probes, progress,
                                       model, &solve_report, error);
-        seconds->solve = seconds_now() - begin;
+        seconds->solve = pal_seconds_now() - begin;
     }
     pal_factor_free(factor);
     if (status == PALPATE_OK) {
-        begin = seconds_now();
+        begin = pal_seconds_now();
         status = pal_certify(&system, &factor_report, &solve_report, cloud->length,
                              (pal_repair)scene->symmetrize, progress, model, error);
-        seconds->certify = seconds_now() - begin;
+        seconds->certify = pal_seconds_now() - begin;
     }
     if (status == PALPATE_OK) {
         describe_build(&model->info, &factor_report, &solve_report);
@@ -140,7 +134,7 @@ pal_status pal_precompute(pal_scene *scene, const pal_progress *progress, pal_mo
 static pal_status build_model(pal_scene *scene, const pal_progress *progress, pal_model **out,
                               pal_error *error) {
     *out = NULL;
-    double begin = seconds_now();
+    double begin = pal_seconds_now();
     pal_cloud cloud = {0};
     pal_skin_source skin = {0};
     pal_node_sets sets = {0};
@@ -157,13 +151,13 @@ static pal_status build_model(pal_scene *scene, const pal_progress *progress, pa
     }
     if (status == PALPATE_OK) {
         status = pal_scene_select_nodes(scene, &cloud, &sets, error);
-        model->info.seconds.cloud = seconds_now() - begin;
+        model->info.seconds.cloud = pal_seconds_now() - begin;
     }
     if (status == PALPATE_OK) {
         status = build_on_cloud(scene, &cloud, &skin, &sets, progress, model, error);
     }
     if (status == PALPATE_OK) {
-        model->info.seconds.total = seconds_now() - begin;
+        model->info.seconds.total = pal_seconds_now() - begin;
         status = pal_model_check(model, error);
     }
     pal_node_sets_clear(&sets);
@@ -184,7 +178,7 @@ static pal_status estimate_error(pal_scene *scene, const pal_progress *progress,
     pal_scene coarse_scene;
     pal_model *coarse = NULL;
     pal_error why = {0};
-    double begin = seconds_now();
+    double begin = pal_seconds_now();
     pal_status status = pal_estimate_scene(scene, &coarse_scene, &why);
     if (status == PALPATE_OK) {
         status = build_model(&coarse_scene, progress, &coarse, &why);
@@ -194,7 +188,7 @@ static pal_status estimate_error(pal_scene *scene, const pal_progress *progress,
         model->info.certificate.estimated_error = pal_estimate_error(model, coarse);
     }
     pal_model_free(coarse);
-    double took = seconds_now() - begin;
+    double took = pal_seconds_now() - begin;
     model->info.seconds.certify += took;
     model->info.seconds.total += took;
     if (status == PALPATE_ERROR_CANCELLED) {
