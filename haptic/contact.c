@@ -154,6 +154,7 @@ static void summarise(nodes_law *law, pal_contact_result *result) {
 
 static void nodes_solve(void *self, const pal_contact_tool tools[], pal_contact_result *result) {
     nodes_law *law = self;
+    pal_stages *stages = result->stages;
     law->tick++;
     *result = (pal_contact_result){0};
     for (int32_t t = 0; t < law->def.tool_count; t++) {
@@ -197,6 +198,7 @@ static void nodes_solve(void *self, const pal_contact_tool tools[], pal_contact_
     for (int32_t t = 0; t < law->def.tool_count; t++) {
         pal_nodes_narrow(law, t);
     }
+    pal_stages_end(stages, PALPATE_STAGE_CONTACT);
     uint32_t fault = pal_nodes_settle(law, result);
     if (fault & PALPATE_FAULT_SINGULAR) {
         *result = law->good;

@@ -15,6 +15,7 @@
 #include <stdint.h>
 
 #include "haptic/model.h"
+#include "haptic/stages.h"
 #include <palpate/engine.h>
 
 /// What a law is made for.
@@ -54,6 +55,9 @@ typedef struct pal_contact_result {
         *displacement;  ///< prescribed there [m], shape [dof_count]; NULL if the law has none
     int32_t iterations; ///< solver passes of this tick
     int32_t dropped;    ///< contacts left out because of max_contacts
+    /// Set by the caller before each solve, usually NULL: a law that clears the result keeps it and
+    /// ends PALPATE_STAGE_CONTACT where geometry is done and the solver begins.
+    pal_stages *stages;
 } pal_contact_result;
 
 typedef struct pal_contact_law {

@@ -4,7 +4,9 @@
 /// pal_engine_force transforms device poses into the body frame, runs the contact law (Eq. 52) and
 /// the output stage; pal_engine_field sweeps the stored columns (Eq. 53) straight into the back
 /// buffer of the first reader that wants a frame and copies it to the others. The force comes first
-/// and does not depend on whether or when the field is computed.
+/// and does not depend on whether or when the field is computed. With PALPATE_FIELD_BY_READER the
+/// servo publishes dofs and nodal forces only; whoever takes the frame sweeps the same columns in the
+/// same order, hence to the same bits, into a buffer of its own.
 ///
 /// Memory: one block, see haptic/engine.h. Threads: one servo thread per engine, one thread per
 /// reader; several engines may share a model, which is only read.
@@ -91,6 +93,10 @@ static pal_status check(const pal_model *model, const pal_engine_def *def, pal_e
                         "pal_engine_def: reader_count %d must be 0 to %d, frame_age %d at least 1",
                         (int)def->reader_count, READERS_MAX, (int)def->frame_age);
     }
+    if (def->field_by != PALPATE_FIELD_BY_SERVO && def->field_by != PALPATE_FIELD_BY_READER) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "pal_engine_def.field_by: %d: must be 0 or 1",
+                        (int)def->field_by);
+    }
     if (!pal_pose_valid(&def->body_pose) || !pal_pose_valid(&def->device_to_world)) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
                         "pal_engine_def: body_pose or device_to_world is not a finite pose with a "
@@ -131,12 +137,25 @@ static size_t force32_bytes(const pal_model *model) {
     return padded(3 * (size_t)model->info.column_count * sizeof(float));
 }
 
+/// Nodal forces of one slot where the readers compute the field: dof, f, f32.
+static size_t slot_bytes(const pal_model *model) {
+    size_t dofs = 3 * (size_t)model->info.column_count;
+    return padded(dofs * sizeof(int32_t)) + padded(dofs * sizeof(double)) + force32_bytes(model);
+}
+
+/// Buffers of one reader.
+static size_t reader_bytes(const pal_model *model, const pal_engine_def *def) {
+    return def->field_by == PALPATE_FIELD_BY_READER
+               ? 3 * slot_bytes(model) + padded((size_t)kernel_rows(model) * sizeof(float))
+               : pal_snapshot_bytes(kernel_rows(model));
+}
+
 static size_t block_bytes(const pal_model *model, const pal_engine_def *def) {
     pal_contact_def contact = contact_def(def);
     return padded(sizeof(pal_engine)) + pal_contact_law_for(def)->bytes(model, &contact) +
            force32_bytes(model) +
            (size_t)def->reader_count *
-               (padded(sizeof(pal_reader)) + pal_snapshot_bytes(kernel_rows(model)));
+               (padded(sizeof(pal_reader)) + reader_bytes(model, def));
 }
 
 size_t pal_engine_bytes(const pal_model *model, const pal_engine_def *def) {
@@ -147,6 +166,27 @@ static void *take(unsigned char **at, size_t bytes) {
     void *here = *at;
     *at += padded(bytes);
     return here;
+}
+
+/// Place a reader's buffers at *at; also faults their pages in.
+static void init_reader(const pal_engine *engine, pal_reader *reader, unsigned char **at) {
+    const pal_model *model = engine->model;
+    size_t bytes = reader_bytes(model, &engine->def);
+    if (engine->def.field_by != PALPATE_FIELD_BY_READER) {
+        pal_snapshot_init(reader, take(at, bytes), engine->rows);
+        return;
+    }
+    size_t dofs = 3 * (size_t)model->info.column_count;
+    memset(*at, 0, bytes);
+    pal_snapshot_init(reader, *at, 0);
+    for (int i = 0; i < 3; i++) {
+        reader->slot[i].displacement = NULL;
+        reader->slot[i].dof = take(at, dofs * sizeof(int32_t));
+        reader->slot[i].f = take(at, dofs * sizeof(double));
+        reader->slot[i].f32 = take(at, dofs * sizeof(float));
+    }
+    reader->engine = engine;
+    reader->field = take(at, (size_t)engine->rows * sizeof(float));
 }
 
 pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def, pal_engine **out,
@@ -188,8 +228,7 @@ pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def, 
     engine->reader = (pal_reader *)(void *)at;
     at += (size_t)def->reader_count * padded(sizeof(pal_reader));
     for (int32_t r = 0; r < def->reader_count; r++) {
-        pal_snapshot_init(&engine->reader[r], take(&at, pal_snapshot_bytes(engine->rows)),
-                          engine->rows);
+        init_reader(engine, &engine->reader[r], &at);
     }
     assert(at == block + bytes);
     for (int32_t t = 0; t < def->tool_count; t++) {
@@ -297,7 +336,11 @@ uint32_t pal_engine_force(pal_engine *engine, const pal_tool_state in[], pal_too
     for (int32_t t = 0; t < engine->def.tool_count; t++) {
         fault[t] = read_input(engine, t, &in[t], value[t]);
     }
+    pal_stages *stages = engine->stages;
+    pal_stages_end(stages, PALPATE_STAGE_INPUT);
+    engine->result.stages = stages;
     engine->law->solve(engine->contact, engine->input, &engine->result);
+    pal_stages_end(stages, PALPATE_STAGE_SOLVE);
 
     pal_contact_result *result = &engine->result;
     int touched = 0, finite = 1;
@@ -325,12 +368,40 @@ uint32_t pal_engine_force(pal_engine *engine, const pal_tool_state in[], pal_too
     if (result->iterations > engine->counts.worst_iterations) {
         engine->counts.worst_iterations = result->iterations;
     }
+    pal_stages_end(stages, PALPATE_STAGE_OUTPUT);
     return all;
 }
 
 static int wants_frame(const pal_engine *engine, const pal_reader *reader, uint64_t tick) {
-    return reader->published == 0 || !pal_snapshot_unread(reader) ||
+    return reader->engine != NULL || reader->published == 0 || !pal_snapshot_unread(reader) ||
            tick - reader->published_tick >= (uint64_t)engine->def.frame_age;
+}
+
+/// Eq. 53 on either side: the same columns in the same order, so the same bits. Reads what is fixed
+/// at creation only.
+static void sum_rows(const pal_engine *engine, int32_t count, const int32_t *dof, const double *f,
+                     const float *f32, float *out) {
+    const pal_field_job job = {.precision = engine->model->info.precision,
+                               .block = engine->model->c_st,
+                               .ld = engine->model->row_ld,
+                               .rows = engine->rows,
+                               .count = count,
+                               .dof = dof,
+                               .f = f,
+                               .f32 = f32,
+                               .out = out};
+    pal_field_sweep(engine->isa, &job);
+}
+
+/// The forces that a reader needs to compute the field by itself.
+static void hand_over(const pal_engine *engine, pal_slot *slot) {
+    size_t count = (size_t)engine->result.dof_count;
+    slot->count = engine->result.dof_count;
+    if (count > 0) {
+        memcpy(slot->dof, engine->result.dof, count * sizeof *slot->dof);
+        memcpy(slot->f, engine->result.force, count * sizeof *slot->f);
+        memcpy(slot->f32, engine->force32, count * sizeof *slot->f32);
+    }
 }
 
 void pal_engine_field(pal_engine *engine) {
@@ -342,18 +413,13 @@ void pal_engine_field(pal_engine *engine) {
             continue;
         }
         pal_slot *slot = pal_snapshot_back(reader);
-        if (engine->rows > 0 && field == NULL) {
-            const pal_field_job job = {.precision = engine->model->info.precision,
-                                       .block = engine->model->c_st,
-                                       .ld = engine->model->row_ld,
-                                       .rows = engine->rows,
-                                       .count = engine->result.dof_count,
-                                       .dof = engine->result.dof,
-                                       .f = engine->result.force,
-                                       .f32 = engine->force32,
-                                       .out = slot->displacement};
-            pal_field_sweep(engine->isa, &job);
+        if (reader->engine != NULL) {
+            hand_over(engine, slot);
+        } else if (engine->rows > 0 && field == NULL) {
+            sum_rows(engine, engine->result.dof_count, engine->result.dof, engine->result.force,
+                     engine->force32, slot->displacement);
             field = slot->displacement;
+            pal_stages_end(engine->stages, PALPATE_STAGE_FIELD);
         } else if (field != NULL) {
             memcpy(slot->displacement, field, (size_t)engine->rows * sizeof *field);
         }
@@ -370,6 +436,7 @@ void pal_engine_field(pal_engine *engine) {
         (void)pal_snapshot_publish(reader);
         engine->counts.frames_published++;
     }
+    pal_stages_end(engine->stages, PALPATE_STAGE_PUBLISH);
 }
 
 uint32_t pal_engine_tick(pal_engine *engine, const pal_tool_state in[], pal_tool_force out[]) {
@@ -388,5 +455,17 @@ pal_reader *pal_engine_reader(pal_engine *engine, int32_t index) {
 }
 
 int pal_engine_snapshot(pal_reader *reader, pal_frame *frame) {
-    return reader != NULL && frame != NULL ? pal_snapshot_take(reader, frame) : -1;
+    if (reader == NULL || frame == NULL) {
+        return -1;
+    }
+    int fresh = pal_snapshot_take(reader, frame);
+    const pal_engine *engine = reader->engine;
+    if (fresh >= 0 && engine != NULL && engine->rows > 0) {
+        const pal_slot *slot = &reader->slot[reader->front];
+        if (fresh == 1) {
+            sum_rows(engine, slot->count, slot->dof, slot->f, slot->f32, reader->field);
+        }
+        frame->displacement = reader->field;
+    }
+    return fresh;
 }

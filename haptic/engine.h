@@ -11,6 +11,7 @@
 #include "haptic/output.h"
 #include "haptic/pose.h"
 #include "haptic/snapshot.h"
+#include "haptic/stages.h"
 #include "haptic/watchdog.h"
 #include <palpate/engine.h>
 
@@ -28,6 +29,7 @@ struct pal_engine {
     pal_output output[PALPATE_TOOLS_MAX];
     pal_tool_force force[PALPATE_TOOLS_MAX]; ///< given out, force and torque in the body frame
     float *force32;     ///< result.force x row_scale, rounded; shape [3 column_count]
+    pal_stages *stages; ///< NULL; a bench's stage clock
     int64_t rows;       ///< rows the kernel computes: 3 row_count rounded up to a 64-byte line
     pal_reader *reader; ///< shape [def.reader_count]
     pal_engine_counts counts;

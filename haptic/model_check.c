@@ -143,6 +143,8 @@ static pal_status check_info(const pal_model_info *info, pal_error *error) {
 static pal_status check_runtime(const pal_runtime_config *runtime, pal_error *error) {
     TRY(check_count("tool_count", runtime->tool_count, 0, PALPATE_TOOLS_MAX, error));
     TRY(check_count("max_contacts", runtime->max_contacts, 0, PALPATE_COUNT_MAX, error));
+    TRY(check_count("field_by", (int64_t)runtime->field_by, PALPATE_FIELD_BY_SERVO,
+                    PALPATE_FIELD_BY_READER, error));
     double rates[] = {runtime->servo_rate, runtime->render_rate};
     TRY(check_finite("rates", rates, 2, error));
     for (int32_t i = 0; i < runtime->tool_count; i++) {

@@ -128,6 +128,12 @@ static const field model_fields[] = {
      "contact points an engine keeps"},
 };
 
+/// Added since version 1: a file without them holds the default, 0.
+static const field added_fields[] = {
+    {"/runtime/field_by", AT(runtime.field_by), I32, 1, "1",
+     "who computes the displacement field: 0 servo, 1 reader"},
+};
+
 #undef AT
 #define AT(member) offsetof(pal_tool_def, member)
 #define SIZE(member) MEMBER_SIZE(pal_tool_def, member)
@@ -434,6 +440,11 @@ static pal_status transfer_scene(const transfer *t, pal_model *model) {
 
 static pal_status transfer_model(const transfer *t, pal_model *model) {
     TRY(transfer_fields(t, "", model_fields, sizeof model_fields / sizeof *model_fields, model));
+    for (size_t k = 0; k < sizeof added_fields / sizeof *added_fields; k++) {
+        if (!t->reading || pal_h5_has(t->file, added_fields[k].path)) {
+            TRY(transfer_fields(t, "", &added_fields[k], 1, model));
+        }
+    }
     TRY(check_counts(t, model));
     for (int32_t k = 0; k < model->runtime.tool_count; k++) {
         char prefix[PALPATE_H5_PATH_MAX];

@@ -29,8 +29,7 @@ static __attribute__((noinline)) void prefault_stack(void) {
     page[sizeof page - 1] = 0;
 }
 
-/// Flush denormal results and operands to zero on this thread. @return 0 when done
-static int32_t flush_denormals(void) {
+int32_t pal_rt_flush_denormals(void) {
 #if defined(__x86_64__)
     _mm_setcsr(_mm_getcsr() | 0x8040u); // FTZ | DAZ
     return 0;
@@ -70,7 +69,7 @@ void pal_rt_enter(const pal_rt_request *request, pal_rt_grant *grant) {
     grant->cpu = -1;
     grant->priority = request->priority;
     prefault_stack();
-    grant->denormals = flush_denormals();
+    grant->denormals = pal_rt_flush_denormals();
     // concerns ordinary scheduling only: SCHED_FIFO timers have no slack
     (void)prctl(PR_SET_TIMERSLACK, 1UL, 0UL, 0UL, 0UL);
     if (!request->want) {

@@ -32,6 +32,9 @@ typedef struct pal_rt_grant {
 /// Fills fifo, pin, denormals, cpu, priority. Thread: the servo's own, before its loop.
 void pal_rt_enter(const pal_rt_request *request, pal_rt_grant *grant);
 
+/// Flush denormal results and operands to zero on this thread. @return 0 when done
+int32_t pal_rt_flush_denormals(void);
+
 /// Lock the process's present memory. Fills memory, locked_limit.
 void pal_rt_lock_memory(pal_rt_grant *grant);
 

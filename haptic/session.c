@@ -40,6 +40,7 @@ struct pal_session {
     pthread_t servo_thread, render_thread, record_thread;
     int has_servo, has_render, has_record; ///< threads to join
     int want_render, want_record;
+    pal_field_by field_by;
     sem_t entered, go; ///< servo has set itself up; servo may start
     int latency_fd;
     pal_ticks_header header; ///< for dumps
@@ -126,6 +127,7 @@ static pal_status build(pal_session *s, const pal_model *model, const pal_sessio
     s->tool_count = def->engine.tool_count;
     s->want_render = def->render_rate > 0.0;
     s->want_record = def->record_path != NULL;
+    s->field_by = def->engine.field_by;
     s->strict = def->realtime == 2 && !def->freewheel;
     s->request = (pal_rt_request){
         .want = def->realtime != 0 && !def->freewheel, .cpu = def->cpu, .priority = def->priority};
@@ -226,12 +228,20 @@ static void *servo_main(void *arg) {
 }
 
 static void *render_main(void *arg) {
-    pal_render_run(&((pal_session *)arg)->render);
+    pal_session *s = arg;
+    if (s->field_by == PALPATE_FIELD_BY_READER) { // to have the servo's bits, tiny ones included
+        (void)pal_rt_flush_denormals();
+    }
+    pal_render_run(&s->render);
     return NULL;
 }
 
 static void *record_main(void *arg) {
-    pal_recorder_run(&((pal_session *)arg)->recorder);
+    pal_session *s = arg;
+    if (s->field_by == PALPATE_FIELD_BY_READER) {
+        (void)pal_rt_flush_denormals();
+    }
+    pal_recorder_run(&s->recorder);
     return NULL;
 }
 

@@ -17,9 +17,11 @@ void pal_snapshot_init(pal_reader *reader, void *buffers, int64_t floats) {
     reader->published = 0;
     reader->published_tick = 0;
     reader->has_frame = 0;
+    reader->engine = NULL;
+    reader->field = NULL;
     for (int i = 0; i < 3; i++) {
         unsigned char *at = (unsigned char *)buffers + (size_t)i * buffer_bytes(floats);
-        reader->slot[i].frame = (pal_frame){0};
+        reader->slot[i] = (pal_slot){0};
         reader->slot[i].displacement = (float *)(void *)at;
         for (int64_t k = 0; k < floats; k++) { // also faults the pages in
             reader->slot[i].displacement[k] = 0.0f;

@@ -23,6 +23,11 @@ enum { PALPATE_CACHE_LINE = 64 };
 typedef struct pal_slot {
     pal_frame frame;
     float *displacement; ///< the slot's buffer, 64-byte aligned, shape [floats]
+    // where the reader computes the field: what it needs (the engine's; NULL otherwise)
+    int32_t count; ///< degrees of freedom with a force
+    int32_t *dof;  ///< shape [count], as are f [N] and f32, the same scaled for the stored rows
+    double *f;
+    float *f32;
 } pal_slot;
 
 /// The three parts lie on cache lines of their own: neither thread disturbs the other's line.
@@ -33,6 +38,8 @@ struct pal_reader {
     uint64_t published_tick;                             ///< tick of the last one; writer's
     alignas(PALPATE_CACHE_LINE) uint32_t front;          ///< reader's slot
     uint32_t has_frame;                                  ///< reader has taken at least one
+    const pal_engine *engine; ///< its rows are summed by this reader; NULL: the writer has done it
+    float *field;             ///< the reader's own buffer then, shape [engine rows]
     alignas(PALPATE_CACHE_LINE) pal_slot slot[3];
 };
 

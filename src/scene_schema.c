@@ -353,6 +353,10 @@ static const pal_scene_key KEYS[] = {
     MAP("render", "(all defaults)", "the picture"),
     NUMBER("render.rate", "Hz", WITHIN(0, 1000), "30", "frames per second; 0: none",
            struct pal_scene, runtime.render_rate),
+    CHOICE("render.field", "servo | render", "servo",
+           "who computes the displacement field: the servo after each force, or the render thread at "
+           "its own rate (large bodies: the tick then costs nothing for the field)",
+           struct pal_scene, runtime.field_by),
     INTEGER("max_contacts", WITHIN(1, 1024), "32", "contact points an engine keeps at once",
             struct pal_scene, runtime.max_contacts),
 };

@@ -283,6 +283,7 @@ static pal_status run(const source *s, options *o, pal_session_report *report, p
     def.engine.tools = runtime->tools;
     def.engine.tool_count = runtime->tool_count;
     def.engine.max_contacts = runtime->max_contacts;
+    def.engine.field_by = runtime->field_by;
     def.engine.period = 1.0 / runtime->servo_rate;
     def.freewheel = o->freewheel;
     def.realtime = o->realtime;

@@ -280,6 +280,7 @@ static pal_status start_session(viewer *v, pal_error *error) {
     def.engine.tools = v->runtime->tools;
     def.engine.tool_count = v->runtime->tool_count;
     def.engine.max_contacts = v->runtime->max_contacts;
+    def.engine.field_by = v->runtime->field_by;
     def.engine.period = 1.0 / v->runtime->servo_rate;
     def.render_rate = 0.0; // this thread draws
     pal_status status = create_devices(v, &def, error);

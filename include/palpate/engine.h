@@ -88,7 +88,9 @@ typedef struct pal_engine_def {
     double period;                  ///< tick period [s]; default 0.001
     /// An unread frame is replaced by a newer one after this many ticks; 1: every tick. Default 4:
     /// what a reader takes is at most 4 ticks old and idle readers cost a quarter of the sweeps.
+    /// Not used with PALPATE_FIELD_BY_READER: forces are published every tick.
     int32_t frame_age;
+    pal_field_by field_by; ///< default PALPATE_FIELD_BY_SERVO
 } pal_engine_def;
 
 PALPATE_API pal_engine_def pal_engine_default_def(void);
@@ -111,7 +113,8 @@ PALPATE_API uint32_t pal_engine_force(pal_engine *engine, const pal_tool_state i
 
 /// Displacement of the stored rows under the forces of the last pal_engine_force, published to
 /// every reader that has taken the previous frame or whose unread frame is frame_age ticks old.
-/// Thread: servo. Cost: O(m rows), nothing when no reader wants a frame.
+/// Thread: servo. Cost: O(m rows), nothing when no reader wants a frame; with PALPATE_FIELD_BY_READER
+/// O(m readers): only the nodal forces are published, and the rows are summed by pal_engine_snapshot.
 /// Source: De, Hong, Bathe 2003, Eq. 53.
 PALPATE_API void pal_engine_field(pal_engine *engine);
 
@@ -152,6 +155,9 @@ PALPATE_API pal_reader *pal_engine_reader(pal_engine *engine, int32_t index);
 
 /// Newest whole frame, wait-free. @return 1: *frame is newer than the last one this reader got,
 /// 0: the same one again, -1: nothing published yet. Thread: the reader's.
+/// With PALPATE_FIELD_BY_READER a new frame's displacement is computed here, into memory of the
+/// reader's own: O(m rows), the servo's bits exactly (where this thread flushes denormals as the
+/// servo's does; else they may differ below 1e-37 m).
 PALPATE_API int pal_engine_snapshot(pal_reader *reader, pal_frame *frame);
 
 /// Displacement [m] and (optional) deformed unit normals at the model's skin vertices, from a frame.

@@ -73,6 +73,14 @@ typedef struct pal_tool_def {
     pal_device_def device;
 } pal_tool_def;
 
+/// Who computes the displacement field (Eq. 53) of a frame.
+typedef enum pal_field_by {
+    PALPATE_FIELD_BY_SERVO = 0, ///< the servo, after the force has gone out; a reader only takes it
+    /// whoever takes the frame, on its own thread and at its own rate: the servo publishes the nodal
+    /// forces alone, O(m) a tick however large the body
+    PALPATE_FIELD_BY_READER = 1
+} pal_field_by;
+
 /// What a run needs beside the physics; stored in the model file so that `run MODEL` works alone.
 typedef struct pal_runtime_config {
     int32_t tool_count;
@@ -80,6 +88,7 @@ typedef struct pal_runtime_config {
     double servo_rate;    ///< [Hz]
     double render_rate;   ///< [Hz]
     int32_t max_contacts; ///< contact points an engine keeps; more are reduced and counted
+    pal_field_by field_by; ///< the scene's `render: {field: servo | render}`
 } pal_runtime_config;
 
 #ifdef __cplusplus

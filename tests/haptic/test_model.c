@@ -314,6 +314,7 @@ static void check_finds_every_kind_of_damage(void **state) {
     REFUSED(memset(m->info.method, 'a', 32), memset(m->info.method, 0, 32));
     REFUSED_VALUE(m->runtime.tool_count, 9);
     REFUSED_VALUE(m->runtime.max_contacts, -1);
+    REFUSED_VALUE(m->runtime.field_by, (pal_field_by)2);
     REFUSED_VALUE(m->runtime.servo_rate, NAN);
     REFUSED_VALUE(m->runtime.tools[0].name[0], 0);
     REFUSED_VALUE(m->runtime.tools[0].shape, (pal_shape_kind)7);

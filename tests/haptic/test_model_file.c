@@ -210,6 +210,7 @@ static void assert_same_models(const pal_model *a, const pal_model *b) {
     assert_true(a->runtime.servo_rate == b->runtime.servo_rate &&
                 a->runtime.render_rate == b->runtime.render_rate);
     assert_int_equal(a->runtime.max_contacts, b->runtime.max_contacts);
+    assert_int_equal(a->runtime.field_by, b->runtime.field_by);
     SAME(position, 3 * i->node_count);
     SAME(normal, 3 * i->surface_count);
     SAME(area_vector, 3 * i->surface_count);

@@ -248,6 +248,7 @@ static const pair PAIRS[] = {
     {"tools[].axis", "tools.0.axis=[0, 0, 1]", "tools.0.axis=[0, 1, 1]"},
     {"servo.rate", "servo.rate=1000", "servo.rate=500"},
     {"render.rate", "render.rate=0", "render.rate=60"},
+    {"render.field", "render.field=servo", "render.field=render"},
     {"max_contacts", "max_contacts=1", "max_contacts=2"},
 };
 
@@ -316,6 +317,7 @@ static int differ(const char *a, const char *b) {
     }
     differs |= one->runtime.servo_rate != two->runtime.servo_rate ||
                one->runtime.render_rate != two->runtime.render_rate ||
+               one->runtime.field_by != two->runtime.field_by ||
                one->runtime.max_contacts != two->runtime.max_contacts;
     pal_scene_free(one);
     pal_scene_free(two);
