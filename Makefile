@@ -54,7 +54,7 @@ WERROR   :=
 endif
 
 ONLINE_PC  := hdf5-serial
-OFFLINE_PC := yaml-0.1 assimp lapacke openblas
+OFFLINE_PC := yaml-0.1 lapacke openblas
 PROGRAM_PC := jansson epoxy egl libpng cairo glfw3 cglm
 pc-cflags   = $(shell pkg-config --cflags $(1) 2>/dev/null)
 pc-libs     = $(shell pkg-config --libs $(1) 2>/dev/null)
@@ -66,11 +66,13 @@ OFFLINE_LIBS = -lumfpack -lcholmod -lamd -lcolamd -lccolamd -lcamd -lsuitesparse
                $(call pc-libs,$(OFFLINE_PC)) -lpthread -lm
 PROGRAM_LIBS = $(call pc-libs,$(PROGRAM_PC)) -lgif -ldl -lpthread -lm
 MESHER_LIBS  = -lgmsh -lm
+READER_LIBS  = $(call pc-libs,assimp) -lm
 
 # ---- Sources: a folder is a component --------------------------------------------------------
 ONLINE_SRC  := $(wildcard haptic/*.c)
 OFFLINE_SRC := $(wildcard src/*.c)
 MESHER_SRC  := $(wildcard src/mesher/*.c)
+READER_SRC  := $(wildcard src/reader/*.c)
 VIEW_SRC    := $(wildcard haptic/view/*.c)
 PROGRAM_SRC := $(wildcard haptic/program/*.c)
 TEST_SRC    := $(wildcard tests/*/test_*.c)
@@ -82,6 +84,7 @@ obj = $(patsubst %.c,$(BUILD)/obj/%.o,$(1))
 ONLINE_OBJ  := $(call obj,$(ONLINE_SRC))
 OFFLINE_OBJ := $(call obj,$(OFFLINE_SRC))
 MESHER_OBJ  := $(call obj,$(MESHER_SRC))
+READER_OBJ  := $(call obj,$(READER_SRC))
 VIEW_OBJ    := $(call obj,$(VIEW_SRC))
 PROGRAM_OBJ := $(call obj,$(PROGRAM_SRC))
 TEST_BIN    := $(patsubst %.c,$(BUILD)/%,$(TEST_SRC))
@@ -94,6 +97,7 @@ OFFLINE_SO := $(BUILD)/libpalpate-offline.so.$(ABI)
 VIEW_A     := $(BUILD)/libpalpate-view.a
 PROGRAM    := $(if $(PROGRAM_SRC),$(BUILD)/palpate)
 MESHER     := $(if $(MESHER_SRC),$(BUILD)/palpate-mesher)
+READER     := $(BUILD)/palpate-reader
 OFFLINE    := $(if $(OFFLINE_SRC),$(OFFLINE_A) $(OFFLINE_SO))
 
 .DEFAULT_GOAL := all
@@ -120,13 +124,13 @@ deps-check: ## the same for lint, format, sanitizers and docs
 	@sh .ci/deps.sh $(PACKAGES) $(PACKAGES_CHECK)
 
 # ---- Build -----------------------------------------------------------------------------------
-build-all: $(LIB_A) $(LIB_SO) $(OFFLINE) $(MESHER) $(PROGRAM)
+build-all: $(LIB_A) $(LIB_SO) $(OFFLINE) $(MESHER) $(READER) $(PROGRAM)
 
 # per-component include flags
 $(ONLINE_OBJ): EXTRA = $(call pc-cflags,$(ONLINE_PC))
 $(OFFLINE_OBJ): EXTRA = $(call pc-cflags,$(OFFLINE_PC)) -isystem /usr/include/suitesparse
 # a model's hash covers the sources that made it: see scene_hash.c
-OFFLINE_TEXT := $(sort $(OFFLINE_SRC) $(MESHER_SRC) $(wildcard src/*.h src/mesher/*.h))
+OFFLINE_TEXT := $(sort $(OFFLINE_SRC) $(MESHER_SRC) $(READER_SRC) $(wildcard src/*.h src/mesher/*.h src/reader/*.h))
 $(call obj,src/scene_hash.c): EXTRA += -DPALPATE_SOURCES_DIGEST='"$(shell cat $(OFFLINE_TEXT) | sha256sum | cut -c1-32)"'
 $(call obj,src/scene_hash.c): $(OFFLINE_TEXT)
 $(VIEW_OBJ) $(PROGRAM_OBJ): EXTRA = $(call pc-cflags,$(PROGRAM_PC))
@@ -159,6 +163,10 @@ $(MESHER): $(MESHER_OBJ)
 	$(if $(V),,@echo "  LINK $@")
 	$(Q)$(CC) $(SANITIZE) $^ $(MESHER_LIBS) $(LDFLAGS) -o $@
 endif
+$(READER_OBJ): EXTRA = $(call pc-cflags,assimp)
+$(READER): $(READER_OBJ)
+	$(if $(V),,@echo "  LINK $@")
+	$(Q)$(CC) $(SANITIZE) $^ $(READER_LIBS) $(LDFLAGS) -o $@
 ifneq ($(PROGRAM),)
 $(PROGRAM): $(PROGRAM_OBJ) $(VIEW_A) $(LIB_SO) $(OFFLINE_SO)
 	$(if $(V),,@echo "  LINK $@")
@@ -262,7 +270,7 @@ mandir     := $(DESTDIR)$(prefix)/share/man/man1
 install: build-all ## install below $(DESTDIR)$(prefix)
 	install -d $(bindir) $(libdir)/pkgconfig $(libexecdir) $(includedir) $(datadir)/scenes/trajectories $(mandir)
 	install -m 755 $(PROGRAM) $(bindir)/
-	install -m 755 $(MESHER) $(libexecdir)/
+	install -m 755 $(MESHER) $(READER) $(libexecdir)/
 	install -m 755 $(LIB_SO) $(OFFLINE_SO) $(libdir)/
 	install -m 644 $(LIB_A) $(OFFLINE_A) $(libdir)/
 	ln -sf libpalpate.so.$(ABI) $(libdir)/libpalpate.so
@@ -275,13 +283,13 @@ install: build-all ## install below $(DESTDIR)$(prefix)
 	sed -e 's|@prefix@|$(prefix)|' -e 's|@version@|$(VERSION)|' .ci/palpate-offline.pc.in > $(libdir)/pkgconfig/palpate-offline.pc
 
 uninstall: ## remove what install put there
-	rm -f $(bindir)/palpate $(libexecdir)/palpate-mesher $(mandir)/palpate.1
+	rm -f $(bindir)/palpate $(libexecdir)/palpate-mesher $(libexecdir)/palpate-reader $(mandir)/palpate.1
 	rm -f $(libdir)/libpalpate.a $(libdir)/libpalpate.so* $(libdir)/libpalpate-offline.a $(libdir)/libpalpate-offline.so*
 	rm -f $(libdir)/pkgconfig/palpate.pc $(libdir)/pkgconfig/palpate-offline.pc
 	rm -rf $(includedir) $(datadir) $(libexecdir)
 
 # ---- Tidy ------------------------------------------------------------------------------------
-ALL_SRC := $(ONLINE_SRC) $(OFFLINE_SRC) $(MESHER_SRC) $(VIEW_SRC) $(PROGRAM_SRC)
+ALL_SRC := $(ONLINE_SRC) $(OFFLINE_SRC) $(MESHER_SRC) $(READER_SRC) $(VIEW_SRC) $(PROGRAM_SRC)
 ALL_FILES := $(ALL_SRC) $(wildcard include/palpate/*.h haptic/*.h haptic/*/*.h haptic/program/embed/*.c src/*.h src/*/*.h \
              tests/*/*.[ch] bench/*.[ch])
 
@@ -296,7 +304,7 @@ lint: ## cppcheck, clang-tidy and gcc -fanalyzer over the libraries and the prog
 	cppcheck --quiet --std=c11 --enable=warning,portability --inline-suppr --suppress=missingIncludeSystem \
 		--error-exitcode=1 -Iinclude -I. -DPALPATE_VERSION='"x"' $(ALL_SRC)
 	@for f in $(ALL_SRC); do clang-tidy --quiet --warnings-as-errors='*' $$f -- $(STD) -Iinclude -I. \
-		-isystem /usr/include/suitesparse $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) $(PROGRAM_PC)) \
+		-isystem /usr/include/suitesparse $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) $(PROGRAM_PC) assimp) \
 		2>/dev/null || exit 1; done
 	@$(MAKE) --no-print-directory BUILD=$(BUILD)/analyzer CFLAGS=-fanalyzer OPT=-O1 WERROR= -j$(JOBS) build-all
 

@@ -7,6 +7,8 @@
 
 #include <palpate/status.h>
 
+#include "src/helper.h"
+#include "src/mesher/protocol.h"
 #include "src/shape.h"
 
 typedef struct pal_mesh_fill {
@@ -27,7 +29,10 @@ pal_status pal_mesher_fill(const double *x, int32_t vertex_count, const int32_t 
                            const pal_progress *progress, pal_mesh_fill *out, pal_error *error);
 void pal_mesh_fill_clear(pal_mesh_fill *fill);
 
-/// Where the helper is: $PALPATE_MESHER, else next to this library or program, else ../libexec/palpate.
-pal_status pal_mesher_path(char *path, size_t size, pal_error *error);
+/// The whole exchange on a running child (for tests: on anything that answers).
+/// @param[out] out  cleared by the caller, also on failure. @return as pal_helper_receive; _CLOUD
+pal_status pal_mesher_converse(pal_helper *h, const pal_mesher_request *head, const double *x,
+                               const int32_t *triangle, const pal_mesher_source *source,
+                               const pal_progress *progress, pal_mesh_fill *out, pal_error *error);
 
 #endif

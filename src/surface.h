@@ -36,6 +36,10 @@ pal_status pal_obj_read(const char *path, pal_surface *out, pal_error *error);
 /// @return PALPATE_OK; _MEMORY
 pal_status pal_surface_twins(const pal_surface *s, int32_t *same, pal_error *error);
 
+/// Give vertices at the same place one number, in the order of first use; drop unused ones.
+/// @return PALPATE_OK; _MEMORY
+pal_status pal_surface_weld(pal_surface *s, pal_error *error);
+
 /// Check that the surface bounds a body; repair what is unambiguous (duplicate and collapsed
 /// triangles are dropped, orientation made consistent and outward).
 /// @param unit      metres per file unit, for coordinates in messages
