@@ -224,21 +224,26 @@ tsan: ## build and run the tests with ThreadSanitizer
 	@$(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=tsan BUILD=$(BUILD)/tsan
 
 # ---- Fuzzing: tests/fuzz/fuzz_NAME.c with its seeds in tests/fuzz/corpus/NAME ------------------
+# `make test` runs every target over its seeds and the findings kept there (test_fuzz.sh)
 FUZZ_SECONDS ?= 60
 FUZZ_SRC  := $(wildcard tests/fuzz/fuzz_*.c)
 FUZZ_BIN  := $(patsubst %.c,$(BUILD)/%,$(FUZZ_SRC))
+FUZZ_RUN   = $(strip $(foreach b,$(FUZZ_BIN),$(if $(or $(if $(T),,all),$(findstring $(T),$(notdir $(b)))),$(b))))
 $(call obj,$(FUZZ_SRC)): EXTRA = $(call pc-cflags,$(ONLINE_PC))
 $(FUZZ_BIN): $(BUILD)/%: $(BUILD)/obj/%.o $(TEST_AUX_OBJ) $(OFFLINE_A) $(LIB_A)
 	@mkdir -p $(@D)
 	$(Q)$(CC) -fsanitize=fuzzer,address,undefined $< $(call obj,tests/support/synthetic_model.c) $(OFFLINE_A) $(LIB_A) $(ONLINE_LIBS) $(OFFLINE_LIBS) $(LDFLAGS) -o $@
-.PHONY: fuzz run-fuzz
+.PHONY: fuzz run-fuzz build-fuzz
 fuzz: ## fuzz every reader of files for FUZZ_SECONDS (60) each, T=scene only that one
 	@sh .ci/deps.sh $(PACKAGES) clang libclang-rt-14-dev
 	@$(MAKE) --no-print-directory -j$(JOBS) run-fuzz VARIANT=fuzz CC=clang OPT='-O1 -g' BUILD=$(BUILD)/fuzz
-run-fuzz: $(foreach b,$(FUZZ_BIN),$(if $(findstring $(T),$(b)),$(b)))
-	@for b in $^; do n=$${b##*/fuzz_}; mkdir -p $(BUILD)/corpus/$$n && echo "== $$n" && \
-		$$b -max_total_time=$(FUZZ_SECONDS) -max_len=4096 -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
-		-artifact_prefix=$(BUILD)/corpus/$$n- $(BUILD)/corpus/$$n tests/fuzz/corpus/$$n || exit 1; done
+build-fuzz: $(FUZZ_BIN) $(READER)
+run-fuzz: $(FUZZ_RUN) $(READER)
+	@for b in $(FUZZ_RUN); do n=$${b##*/fuzz_}; mkdir -p $(BUILD)/corpus/$$n && echo "== $$n" && \
+		PALPATE_READER=$(abspath $(READER)) $$b -max_total_time=$(FUZZ_SECONDS) -max_len=8192 -timeout=20 -rss_limit_mb=2048 \
+		-print_final_stats=1 -verbosity=1 -artifact_prefix=$(BUILD)/corpus/$$n- $(BUILD)/corpus/$$n \
+		tests/fuzz/corpus/$$n 2>$(BUILD)/corpus/$$n.log || { tail -40 $(BUILD)/corpus/$$n.log; exit 1; }; \
+		grep -E '^stat::number|DONE' $(BUILD)/corpus/$$n.log | tr '\n' ' '; echo; done
 
 # ---- Benches ---------------------------------------------------------------------------------
 BENCH_AUX := $(call obj,$(wildcard bench/common.c) tests/support/synthetic_model.c)

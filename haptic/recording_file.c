@@ -1,6 +1,7 @@
 /// @file recording_file.c  Raw recording -> HDF5 and XDMF.
 ///
-/// HDF5 (all little endian, each dataset with unit and description):
+/// HDF5 behind Palpate's sealed header (file_header.h; all little endian, each dataset with unit and
+/// description):
 ///   /format /program /model_hash ...     what was run; /tool/K/... its tools
 ///   /ticks/NAME    one row per tick and tool, in the order recorded
 ///   /frames/NAME   one row per frame: tick, time, tools
@@ -20,6 +21,7 @@
 #include <unistd.h>
 
 #include "haptic/error.h"
+#include "haptic/file_header.h"
 #include "haptic/h5.h"
 #include "haptic/recording_read.h"
 #include "haptic/xdmf.h"
@@ -445,7 +447,7 @@ static pal_status convert(conversion *c, const char *path, pal_error *error) {
     }
     uint64_t bad_records = c->ticks.bad, bad_frames = c->has_frames ? c->frames.bad : 0;
     size_t expected = (size_t)c->records * sizeof(pal_tick_record);
-    status = pal_h5_create(c->temporary, 0, expected, &c->file, error);
+    status = pal_h5_create(c->temporary, PALPATE_USER_BLOCK, expected, &c->file, error);
     if (status != PALPATE_OK) {
         (void)unlink(c->temporary);
         return status;
@@ -459,6 +461,10 @@ static pal_status convert(conversion *c, const char *path, pal_error *error) {
     }
     pal_status closed = pal_h5_close(c->file, status == PALPATE_OK ? error : NULL);
     status = status != PALPATE_OK ? status : closed;
+    if (status == PALPATE_OK) {
+        status = pal_file_seal_path(PALPATE_FILE_RECORDING, PALPATE_RECORDING_VERSION, c->temporary,
+                                    error);
+    }
     if (status == PALPATE_OK) {
         status = commit(c->temporary, path, error);
     }

@@ -1,7 +1,7 @@
 /// @file replay_read.c  A finished recording (HDF5) back into an engine's definition and tick
 /// records.
 ///
-/// Nothing in the file is trusted: types, ranks and dimensions are checked by h5.c, the definition
+/// The file's seal is verified before HDF5 sees it, and nothing in it is trusted: types, ranks and dimensions are checked by h5.c, the definition
 /// by pal_engine_create, tool indices here. Rows are read in pieces, so a file's claim about its
 /// length allocates nothing.
 #include "haptic/replay_read.h"
@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "haptic/error.h"
+#include "haptic/file_header.h"
 #include "haptic/recording.h"
 
 static pal_status read_number(pal_h5 *file, const char *path, double *value, pal_error *error) {
@@ -144,7 +145,12 @@ pal_status pal_recording_open(const char *path, pal_recording **out, pal_error *
     if (r == NULL) {
         return pal_fail(error, PALPATE_ERROR_MEMORY, "%s: no memory to read it", path);
     }
-    pal_status status = pal_h5_open_file(path, &r->file, error);
+    // the gate: HDF5 1.10 crashes on damaged bytes
+    pal_status status =
+        pal_file_verify_path(PALPATE_FILE_RECORDING, PALPATE_RECORDING_VERSION, path, error);
+    if (status == PALPATE_OK) {
+        status = pal_h5_open_file(path, &r->file, error);
+    }
     if (status == PALPATE_OK) {
         status = read_facts(r, error);
         if (status == PALPATE_OK) {

@@ -16,6 +16,7 @@
 
 #include "haptic/model.h"
 #include "haptic/realtime.h"
+#include "haptic/file_header.h"
 #include "haptic/replay.h"
 #include "tests/support/synthetic_model.h"
 
@@ -127,7 +128,7 @@ static void replay(const pal_model *on, pal_replay_report *r) {
     pal_recording_close(recording);
 }
 
-/// Change one element of a dataset of the recording, in place.
+/// Change one element of a dataset of the recording, in place, and seal it again.
 static void doctor(const char *dataset, hsize_t row, int width, int column, hid_t type,
                    const void *value) {
     hid_t file = H5Fopen(path, H5F_ACC_RDWR, H5P_DEFAULT);
@@ -141,6 +142,11 @@ static void doctor(const char *dataset, hsize_t row, int width, int column, hid_
     H5Sclose(space);
     H5Dclose(set);
     H5Fclose(file);
+    pal_error e = {0};
+    pal_recording *recording = NULL; // the seal is broken, and seen
+    assert_int_equal(pal_recording_open(path, &recording, &e), PALPATE_ERROR_CHECKSUM);
+    assert_non_null(strstr(e.message, "corrupted"));
+    assert_int_equal(pal_file_seal_path(PALPATE_FILE_RECORDING, 2, path, &e), PALPATE_OK);
 }
 
 static void freewheel_has_no_difference(void **state) {
