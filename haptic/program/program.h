@@ -1,6 +1,6 @@
 /// @file program.h  The `palpate` program: its commands and what they share.
 ///
-/// The program links libpalpate only. The offline library (SuiteSparse, libyaml, Assimp; GPL parts)
+/// The program links libpalpate only. The offline library (SuiteSparse, libyaml; GPL parts)
 /// is opened by offline_open() when a command is given a scene, so that `run MODEL` loads nothing GPL.
 #ifndef PALPATE_PROGRAM_H
 #define PALPATE_PROGRAM_H

@@ -2,7 +2,7 @@
 /// library can do without), nothing leaked.
 ///
 /// The program's allocator is replaced by one that counts calls made by this program's own code
-/// (not by Assimp, which is C++ and throws) and can fail at the n-th. Sanitizers bring their own
+/// and can fail at the n-th. Sanitizers bring their own
 /// allocator, so there the test is skipped; their leak check sees the other cloud tests.
 #include <errno.h>
 #include <setjmp.h>
@@ -27,7 +27,7 @@
 
 static volatile long calls, fail_at, balance;
 static volatile int watching;
-static void *volatile live[4096]; ///< blocks of our own (Assimp frees its own from our call frames)
+static void *volatile live[4096]; ///< blocks of our own
 
 #if !SANITIZED
 extern void *__libc_malloc(size_t);
