@@ -1,27 +1,29 @@
-/// @file contact_surface.h  The smooth rest surface: closest point, intersection with a line (private).
+/// @file contact_surface.h  The smooth rest surface: closest point, intersection with a line
+/// (private).
 ///
 /// The model's surface triangles, all of them (also those no tool may touch: a tool under the body
 /// must find the underside), carry a smooth geometry:
 ///
-///     position  x(b) = sum_i b_i p_i + sum_{i<j} b_i b_j c_ij        (Phong tessellation, alpha = 1/2)
-///     normal    n(b) = sum_i b_i n_i, made unit
+///     position  x(b) = sum_i b_i p_i + sum_{i<j} b_i b_j c_ij        (Phong tessellation, alpha =
+///     1/2) normal    n(b) = sum_i b_i n_i, made unit
 ///
-/// with n_i the normal of the corner's smooth sector (area-weighted angles; the fan of triangles around
-/// a node is cut at edges that bend by more than 40 degrees, so boxes keep flat faces and sharp edges)
-/// and c_ij from n_i, n_j alone, the same from both sides: the surface has no gaps, and normals are
-/// continuous except across sharp edges. On a sphere the error is O(h^4) in the middle of an edge.
+/// with n_i the normal of the corner's smooth sector (weights of Max 1999, exact on spheres; the
+/// fan of triangles around a node is cut at edges that bend by more than 40 degrees, so boxes keep
+/// flat faces and sharp edges) and c_ij from n_i, n_j alone, the same from both sides: the surface
+/// has no gaps, and normals are continuous except across sharp edges. On a sphere the error is
+/// O(h^4) along edges.
 ///
 /// How a point is projected. `closest` finds x with p = x + s n(x): the line through p along the
-/// *interpolated* normal (Phong projection; Kobbelt et al. 1998, Panozzo et al. 2013), not the foot of
-/// the shortest distance to triangles. n is continuous, so x, n and s are continuous in p right across
-/// edges, on both sides of the surface and at any depth less than the radius of curvature; the shortest
-/// distance would click at every edge as seen from inside. At a sharp edge the normals between those of
-/// its two sides belong to the edge (from outside a convex one; a corner likewise), so that a ball
-/// rolls over it continuously; inside a convex edge two sides are equally near (medial axis): there
-/// `track` stays on its side where `closest` changes over.
+/// *interpolated* normal (Phong projection; Kobbelt et al. 1998, Panozzo et al. 2013), not the foot
+/// of the shortest distance to triangles. n is continuous, so x, n and s are continuous in p right
+/// across edges, on both sides of the surface and at any depth less than the radius of curvature;
+/// the shortest distance would click at every edge as seen from inside. At a sharp edge the normals
+/// between those of its two sides belong to the edge (from outside a convex one; a corner
+/// likewise), so that a ball rolls over it continuously; inside a convex edge two sides are equally
+/// near (medial axis): there `track` stays on its side where `closest` changes over.
 ///
-/// Real-time safe after init: no allocation, bounded by counts, same input same bits. Immutable after
-/// init; any number of threads.
+/// Real-time safe after init: no allocation, bounded by counts, same input same bits. Immutable
+/// after init; any number of threads.
 #ifndef PALPATE_HAPTIC_CONTACT_SURFACE_H
 #define PALPATE_HAPTIC_CONTACT_SURFACE_H
 
@@ -30,23 +32,30 @@
 
 #include "haptic/model.h"
 
-typedef struct pal_rest_box pal_rest_box; ///< node of the tree of boxes: contact_surface.c
+/// Node of the tree of boxes around the patches. count > 0: a leaf of order[first ..]; count 0: its
+/// children are the next box and box `first`.
+typedef struct pal_rest_box {
+    double low[3], high[3]; ///< [m]
+    int32_t first, count;
+} pal_rest_box;
 
 typedef struct pal_rest_surface {
     int32_t triangle_count;
-    int32_t node_count;       ///< surface nodes
-    const int32_t *triangle;  ///< the model's (triangle_count x 3)
-    const double *position;   ///< the model's (node_count x 3) [m]
-    double *corner_normal;    ///< unit, shape [triangle_count, 3 corners, 3]
-    double *bend;             ///< c_ij of edge e = (corner e, corner e+1) [m], shape [triangle_count, 3, 3]
-    int32_t *across;          ///< 3 t' + e' of the edge on the other side; -1: none; [triangle_count, 3]
-    double *node_normal;      ///< unit, over the whole fan (no sectors), shape [node_count, 3]
-    double *inside;           ///< see pal_surface_point.inside, at nodes [m], shape [node_count]
-    uint8_t *touchable;       ///< all three nodes are touchable columns, shape [triangle_count]
-    uint8_t *sharp;           ///< bit e: edge e is sharp; bit 3 + c: sectors meet at corner c
-    pal_rest_box *box;        ///< tree of boxes; 0 is the root
+    int32_t node_count;      ///< surface nodes
+    const int32_t *triangle; ///< the model's (triangle_count x 3)
+    const double *position;  ///< the model's (node_count x 3) [m]
+    double *corner_normal;   ///< unit, shape [triangle_count, 3 corners, 3]
+    double *bend;    ///< c_ij of edge e = (corner e, corner e+1) [m], shape [triangle_count, 3, 3]
+    int32_t *across; ///< 3 t' + e' of the edge on the other side; -1: none; [triangle_count, 3]
+    double *node_normal; ///< unit, over the whole fan (no sectors), shape [node_count, 3]
+    int32_t *fan_start;  ///< corners around each node, shape [node_count + 1]
+    int32_t *fan;        ///< 3 t + corner by node, shape [3 triangle_count]
+    double *inside;      ///< see pal_surface_point.inside, at nodes [m], shape [node_count]
+    uint8_t *touchable;  ///< all three nodes are touchable columns, shape [triangle_count]
+    uint8_t *sharp;      ///< bit e: edge e is sharp, shape [triangle_count]
+    pal_rest_box *box;   ///< tree of boxes; 0 is the root
     int32_t box_count;
-    int32_t *order;           ///< triangles by leaf, shape [triangle_count]
+    int32_t *order; ///< triangles by leaf, shape [triangle_count]
 } pal_rest_surface;
 
 /// A point of the smooth surface.
@@ -60,8 +69,8 @@ typedef struct pal_surface_point {
     double distance;
     /// How far inside the touchable region: distance to its boundary [m], positive inside, 0 on the
     /// boundary, negative outside. Exact at nodes, linear over triangles, so continuous, with slope
-    /// about 1. Where there is no boundary, the body's size. A law lets a contact fade over some width
-    /// of this (0 at inside <= 0): then tools glide off the region instead of clicking.
+    /// about 1. Where there is no boundary, the body's size. A law lets a contact fade over some
+    /// width of this (0 at inside <= 0): then tools glide off the region instead of clicking.
     double inside;
 } pal_surface_point;
 
@@ -74,19 +83,23 @@ void pal_rest_init(pal_rest_surface *surface, const pal_model *model, void *memo
 
 /// The point whose normal goes through p and that is nearest to p.
 /// @param reach  look no farther than this [m]
-/// @param hint   a triangle tried first (that of the last tick), or -1: only speeds the search up; the
+/// @param hint   a triangle tried first (that of the last tick), or -1: only speeds the search up;
+/// the
 ///               answer does not depend on it
-/// @param[out] out  triangle = -1 when there is none within reach (beyond the rim of an open surface)
+/// @param[out] out  triangle = -1 when there is none within reach (beyond the rim of an open
+/// surface)
 /// @return 1 found, 0 not
-/// Cost: up to PALPATE_REST_TESTS triangles, boxes twice that; typically 2 to 10. When the count runs
-/// out (p near the centre of a sphere: all of it is equally near) the nearest so far is returned.
+/// Cost: up to PALPATE_REST_TESTS triangles, boxes twice that; typically 2 to 10. When the count
+/// runs out (p near the centre of a sphere: all of it is equally near) the nearest so far is
+/// returned.
 int pal_rest_closest(const pal_rest_surface *surface, const double p[3], double reach, int32_t hint,
                      pal_surface_point *out);
 enum { PALPATE_REST_TESTS = 256 };
 
-/// The same branch as at `from` (the last tick's point, on the same object): follows the surface from
-/// there across at most PALPATE_REST_STEPS edges, so that a tool pressed past the middle of a thin organ
-/// keeps the side it came from. Continuous in p as long as p stays within the radius of curvature.
+/// The same branch as at `from` (the last tick's point, on the same object): follows the surface
+/// from there across at most PALPATE_REST_STEPS edges, so that a tool pressed past the middle of a
+/// thin organ keeps the side it came from. Continuous in p as long as p stays within the radius of
+/// curvature.
 /// @param[in] from  may be `out`
 /// @return 1 found; 0 lost (out->triangle = -1): use pal_rest_closest
 int pal_rest_track(const pal_rest_surface *surface, const double p[3], double reach,
@@ -95,8 +108,8 @@ enum { PALPATE_REST_STEPS = 32 };
 
 /// The hit of the line origin + t direction with |t| least whose normal has
 /// normal . direction > min_cosine: give the *outward* direction (normal of the contact's centre).
-/// Fade a contact as normal . direction falls to min_cosine: there the surface turns away from the line
-/// and hits come and go.
+/// Fade a contact as normal . direction falls to min_cosine: there the surface turns away from the
+/// line and hits come and go.
 /// @param direction  unit, outward
 /// @param reach      |t| at most [m]
 /// @param hint       a triangle tried first, or -1: speeds the search up only
