@@ -40,6 +40,31 @@ const pal_contact_law *pal_contact_law_for(const pal_engine_def *def) {
     return &pal_contact_nodes;
 }
 
+/// Is the spec one, and the coupling within it?
+static pal_status check_spec(const pal_tool_def *tool, int32_t t, pal_error *error) {
+    const pal_device_spec *s = &tool->spec;
+    const double known[] = {s->max_force, s->max_torque, s->max_stiffness, s->max_damping,
+                            s->max_speed, s->damping,    s->resolution};
+    for (size_t i = 0; i < sizeof known / sizeof *known; i++) {
+        if (!(known[i] >= 0.0) || !isfinite(known[i])) {
+            return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                            "tools[%d].spec: %g: must be finite and not negative (0: unknown)",
+                            (int)t, known[i]);
+        }
+    }
+    if (s->max_stiffness > 0.0 && tool->coupling_stiffness > s->max_stiffness) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "tools[%d].coupling_stiffness: %g N/m: its device bears %g N/m; lower it",
+                        (int)t, tool->coupling_stiffness, s->max_stiffness);
+    }
+    if (s->max_damping > 0.0 && tool->coupling_damping > s->max_damping) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "tools[%d].coupling_damping: %g N s/m: its device bears %g N s/m; lower it",
+                        (int)t, tool->coupling_damping, s->max_damping);
+    }
+    return PALPATE_OK;
+}
+
 static pal_status check_tool(const pal_tool_def *tool, int32_t t, pal_error *error) {
     if (tool->shape != PALPATE_SHAPE_POINT && tool->shape != PALPATE_SHAPE_SPHERE &&
         tool->shape != PALPATE_SHAPE_CAPSULE) {
@@ -59,10 +84,10 @@ static pal_status check_tool(const pal_tool_def *tool, int32_t t, pal_error *err
     if (!(l->force >= 0.0) || !(l->slew >= 0.0) || !(l->torque >= 0.0)) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
                         "tools[%d].limits: force %g, slew %g, torque %g: must not be negative "
-                        "(0: no limit)",
+                        "(0: the device's or the default; INFINITY: none)",
                         (int)t, l->force, l->slew, l->torque);
     }
-    return PALPATE_OK;
+    return check_spec(tool, t, error);
 }
 
 static pal_contact_def contact_def(const pal_engine_def *def) {
@@ -113,6 +138,10 @@ static pal_status check(const pal_model *model, const pal_engine_def *def, pal_e
         if (status != PALPATE_OK) {
             return status;
         }
+    }
+    pal_status watchdog = pal_watchdog_check(&def->watchdog, error);
+    if (watchdog != PALPATE_OK) {
+        return watchdog;
     }
     pal_contact_def contact = contact_def(def);
     return pal_contact_law_for(def)->check(model, &contact, error);
@@ -232,15 +261,23 @@ pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def, 
     }
     assert(at == block + bytes);
     for (int32_t t = 0; t < def->tool_count; t++) {
-        pal_output_init(&engine->output[t], &engine->tools[t].limits, def->period);
-        pal_watchdog_init(&engine->watchdog[t], def->period);
+        pal_tool_def *tool = &engine->tools[t];
+        pal_watchdog_def watchdog = pal_watchdog_resolve(&def->watchdog, &tool->spec);
+        tool->limits = pal_limits_resolve(&tool->limits, &tool->spec);
+        pal_output_init(&engine->output[t], &tool->limits, def->period);
+        pal_watchdog_init(&engine->watchdog[t], &watchdog, def->period);
     }
+    engine->def.watchdog = pal_watchdog_resolve(&def->watchdog, &(pal_device_spec){.max_force = 0});
     *out = engine;
     return PALPATE_OK;
 }
 
 void pal_engine_free(pal_engine *engine) {
     free(engine); // one block
+}
+
+const pal_engine_def *pal_engine_get_def(const pal_engine *engine) {
+    return &engine->def;
 }
 
 void pal_engine_reset(pal_engine *engine) {
@@ -251,7 +288,8 @@ void pal_engine_reset(pal_engine *engine) {
         engine->input[t] = (pal_contact_tool){0};
         engine->force[t] = (pal_tool_force){0};
         pal_output_reset(&engine->output[t]);
-        pal_watchdog_init(&engine->watchdog[t], engine->def.period);
+        pal_watchdog_init(&engine->watchdog[t], &engine->watchdog[t].def, engine->def.period);
+        engine->raised[t] = 0;
     }
 }
 
@@ -261,12 +299,19 @@ void pal_engine_get_counts(const pal_engine *engine, pal_engine_counts *out) {
 
 // ---- Tick ---------------------------------------------------------------------------------------
 
-static void count_faults(pal_engine *engine, uint32_t fault, const double value[32]) {
+static void count_faults(pal_engine *engine, int32_t tool, uint32_t fault, const double value[32]) {
+    pal_engine_counts *c = &engine->counts;
+    uint32_t fresh = fault & ~engine->raised[tool];
+    engine->raised[tool] = fault;
     for (int bit = 0; fault != 0; bit++, fault >>= 1) {
         if (fault & 1u) {
-            engine->counts.fault[bit]++;
-            engine->counts.fault_tick[bit] = engine->counts.ticks - 1;
-            engine->counts.fault_value[bit] = value[bit];
+            c->fault[bit]++;
+            c->fault_tick[bit] = c->ticks - 1;
+            c->fault_value[bit] = value[bit];
+        }
+        if (fresh >> bit & 1u) {
+            c->event[c->events++ % PALPATE_EVENTS_KEPT] = (pal_fault_event){
+                .tick = c->ticks - 1, .value = value[bit], .tool = tool, .bit = bit};
         }
     }
 }
@@ -322,7 +367,9 @@ static uint32_t write_output(pal_engine *engine, int32_t t, uint32_t fault, doub
         out->force[i] *= scale;
         out->torque[i] *= scale;
     }
-    (void)pal_output_apply(&engine->output[t], out, value);
+    if (pal_output_apply(&engine->output[t], out, value) & PALPATE_FAULT_FORCE) {
+        pal_watchdog_trip(&engine->watchdog[t]);
+    }
     engine->force[t] = *out;
     pal_frames_vector_to_body(&engine->frames, out->force, engine->force[t].force);
     pal_frames_vector_to_body(&engine->frames, out->torque, engine->force[t].torque);
@@ -354,7 +401,7 @@ uint32_t pal_engine_force(pal_engine *engine, const pal_tool_state in[], pal_too
         value[t][3] = result->dropped;
         value[t][6] = result->iterations;
         uint32_t bits = write_output(engine, t, fault[t], value[t], &out[t]);
-        count_faults(engine, bits, value[t]);
+        count_faults(engine, t, bits, value[t]);
         all |= bits;
         touched |= out[t].contact_count > 0;
     }

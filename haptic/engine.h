@@ -33,6 +33,7 @@ struct pal_engine {
     int64_t rows;       ///< rows the kernel computes: 3 row_count rounded up to a 64-byte line
     pal_reader *reader; ///< shape [def.reader_count]
     pal_engine_counts counts;
+    uint32_t raised[PALPATE_TOOLS_MAX]; ///< fault bits of the last tick
     size_t bytes;
 };
 

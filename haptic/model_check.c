@@ -8,6 +8,7 @@
 
 #include "haptic/error.h"
 #include "haptic/model.h"
+#include "haptic/watchdog.h"
 
 #define BAD(...) pal_fail(error, PALPATE_ERROR_ARGUMENT, "model: " __VA_ARGS__)
 
@@ -145,12 +146,17 @@ static pal_status check_runtime(const pal_runtime_config *runtime, pal_error *er
     TRY(check_count("max_contacts", runtime->max_contacts, 0, PALPATE_COUNT_MAX, error));
     TRY(check_count("field_by", (int64_t)runtime->field_by, PALPATE_FIELD_BY_SERVO,
                     PALPATE_FIELD_BY_READER, error));
+    pal_error why = {0};
+    if (pal_watchdog_check(&runtime->watchdog, &why) != PALPATE_OK) {
+        return BAD("%s", why.message);
+    }
     double rates[] = {runtime->servo_rate, runtime->render_rate};
     TRY(check_finite("rates", rates, 2, error));
     for (int32_t i = 0; i < runtime->tool_count; i++) {
         const pal_tool_def *tool = &runtime->tools[i];
         const pal_stroke *stroke = &tool->device.stroke;
         TRY(check_text("tool name", tool->name, sizeof tool->name, 0, error));
+        TRY(check_text("device spec name", tool->spec.name, sizeof tool->spec.name, 1, error));
         TRY(check_text("tool path", tool->device.path, sizeof tool->device.path, 1, error));
         TRY(check_count("tool shape", (int64_t)tool->shape, PALPATE_SHAPE_POINT,
                         PALPATE_SHAPE_CAPSULE, error));
@@ -181,7 +187,14 @@ static pal_status check_runtime(const pal_runtime_config *runtime, pal_error *er
                             stroke->direction[2],
                             stroke->tremor_amplitude,
                             stroke->tremor_frequency};
+        for (int k = 5; k < 8; k++) { // no limit, on purpose
+            numbers[k] = numbers[k] == (double)INFINITY ? 0.0 : numbers[k];
+        }
         TRY(check_finite("tool", numbers, (int64_t)(sizeof numbers / sizeof *numbers), error));
+        double spec[] = {tool->spec.max_force,     tool->spec.max_torque, tool->spec.max_stiffness,
+                         tool->spec.max_damping,   tool->spec.max_speed,  tool->spec.damping,
+                         tool->spec.resolution};
+        TRY(check_finite("device spec", spec, (int64_t)(sizeof spec / sizeof *spec), error));
         for (int k = 0; k < 8; k++) { // sizes, coupling and limits
             if (numbers[k] < 0) {
                 return BAD("tool %d (%s): value %d is negative, %g", (int)i, tool->name, k,

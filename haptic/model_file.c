@@ -132,6 +132,12 @@ static const field model_fields[] = {
 static const field added_fields[] = {
     {"/runtime/field_by", AT(runtime.field_by), I32, 1, "1",
      "who computes the displacement field: 0 servo, 1 reader"},
+    {"/runtime/watchdog_stale", AT(runtime.watchdog.stale), F64, 1, "s", "0: the default"},
+    {"/runtime/watchdog_stall", AT(runtime.watchdog.stall), F64, 1, "s", "0: the default"},
+    {"/runtime/watchdog_latch", AT(runtime.watchdog.latch), F64, 1, "s", "0: the default"},
+    {"/runtime/watchdog_speed", AT(runtime.watchdog.speed), F64, 1, "m/s", "0: the default"},
+    {"/runtime/watchdog_ramp_down", AT(runtime.watchdog.ramp_down), F64, 1, "s", "0: the default"},
+    {"/runtime/watchdog_ramp_up", AT(runtime.watchdog.ramp_up), F64, 1, "s", "0: the default"},
 };
 
 #undef AT
@@ -162,6 +168,18 @@ static const field tool_fields[] = {
     {"direction", AT(device.stroke.direction), F64, 3, "1", "stroke: slide direction"},
     {"tremor_amplitude", AT(device.stroke.tremor_amplitude), F64, 1, "m", "stroke: tremor"},
     {"tremor_frequency", AT(device.stroke.tremor_frequency), F64, 1, "Hz", "stroke: tremor"},
+};
+
+/// Added since version 1, as above.
+static const field added_tool_fields[] = {
+    {"spec_name", AT(spec.name), TEXT, SIZE(spec.name), NULL, "what device it is"},
+    {"spec_max_force", AT(spec.max_force), F64, 1, "N", "what it bears; 0: unknown"},
+    {"spec_max_torque", AT(spec.max_torque), F64, 1, "N m", "0: unknown"},
+    {"spec_max_stiffness", AT(spec.max_stiffness), F64, 1, "N/m", "of a coupling; 0: unknown"},
+    {"spec_max_damping", AT(spec.max_damping), F64, 1, "N s/m", "of a coupling; 0: unknown"},
+    {"spec_max_speed", AT(spec.max_speed), F64, 1, "m/s", "0: unknown"},
+    {"spec_damping", AT(spec.damping), F64, 1, "N s/m", "its own"},
+    {"spec_resolution", AT(spec.resolution), F64, 1, "m", "of its position"},
 };
 
 // ---- One walk for both directions
@@ -438,19 +456,31 @@ static pal_status transfer_scene(const transfer *t, pal_model *model) {
     return pal_h5_read_text(t->file, path, model->scene_text, size, t->error);
 }
 
-static pal_status transfer_model(const transfer *t, pal_model *model) {
-    TRY(transfer_fields(t, "", model_fields, sizeof model_fields / sizeof *model_fields, model));
-    for (size_t k = 0; k < sizeof added_fields / sizeof *added_fields; k++) {
-        if (!t->reading || pal_h5_has(t->file, added_fields[k].path)) {
-            TRY(transfer_fields(t, "", &added_fields[k], 1, model));
+/// Fields that an older file may lack.
+static pal_status transfer_added(const transfer *t, const char *prefix, const field *list,
+                                 size_t count, void *object) {
+    for (size_t k = 0; k < count; k++) {
+        char path[PALPATE_H5_PATH_MAX];
+        (void)snprintf(path, sizeof path, "%s%s", prefix, list[k].path);
+        if (!t->reading || pal_h5_has(t->file, path)) {
+            TRY(transfer_fields(t, prefix, &list[k], 1, object));
         }
     }
+    return PALPATE_OK;
+}
+
+static pal_status transfer_model(const transfer *t, pal_model *model) {
+    TRY(transfer_fields(t, "", model_fields, sizeof model_fields / sizeof *model_fields, model));
+    TRY(transfer_added(t, "", added_fields, sizeof added_fields / sizeof *added_fields, model));
     TRY(check_counts(t, model));
     for (int32_t k = 0; k < model->runtime.tool_count; k++) {
         char prefix[PALPATE_H5_PATH_MAX];
         (void)snprintf(prefix, sizeof prefix, "/runtime/tools/%d/", (int)k);
         TRY(transfer_fields(t, prefix, tool_fields, sizeof tool_fields / sizeof *tool_fields,
                             &model->runtime.tools[k]));
+        TRY(transfer_added(t, prefix, added_tool_fields,
+                           sizeof added_tool_fields / sizeof *added_tool_fields,
+                           &model->runtime.tools[k]));
     }
     TRY(transfer_nodes(t, model));
     TRY(transfer_compliance(t, model));

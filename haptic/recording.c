@@ -67,6 +67,7 @@ void pal_ticks_header_fill(pal_ticks_header *header, const pal_model *model,
     header->device_scale = def->engine.device_scale;
     header->body_pose = def->engine.body_pose;
     header->device_to_world = def->engine.device_to_world;
+    header->watchdog = def->engine.watchdog;
     header->freewheel = def->freewheel;
     (void)snprintf(header->model_hash, sizeof header->model_hash, "%s", info.hash);
     (void)snprintf(header->model_method, sizeof header->model_method, "%s", info.method);

@@ -25,7 +25,7 @@
 #include "haptic/hash.h"
 
 enum {
-    PALPATE_RECORDING_VERSION = 2,
+    PALPATE_RECORDING_VERSION = 3,
     PALPATE_TICKS_HEADER = 16384,
     PALPATE_FRAMES_HEADER = 512,
     PALPATE_RECORDING_PATH = 4096
@@ -46,6 +46,7 @@ typedef struct pal_ticks_header {
     double device_scale;
     double period; ///< as the engine has it [s]; period_ns is rounded
     pal_pose body_pose, device_to_world;
+    pal_watchdog_def watchdog;
     int32_t freewheel, reserved;
     char model_hash[72];
     char model_method[32];

@@ -138,6 +138,16 @@ static pal_status write_tools(conversion *c, pal_error *error) {
             status = pal_h5_write(c->file, path, PALPATE_H5_F64, 1, (const int64_t[]){3}, limits,
                                   "N, N/ms, N m", "caps of force, slew and torque", error);
         }
+        const double spec[7] = {t->spec.max_force,   t->spec.max_torque, t->spec.max_stiffness,
+                                t->spec.max_damping, t->spec.max_speed,  t->spec.damping,
+                                t->spec.resolution};
+        (void)snprintf(path, sizeof path, "/tool/%d/spec", (int)i);
+        if (status == PALPATE_OK) {
+            status = pal_h5_write(c->file, path, PALPATE_H5_F64, 1, (const int64_t[]){7}, spec, "SI",
+                                  "what its device bears: force, torque, stiffness, damping, speed; "
+                                  "its damping and resolution",
+                                  error);
+        }
     }
     return status;
 }
@@ -192,6 +202,12 @@ static pal_status write_facts(conversion *c, pal_error *error) {
     if (status == PALPATE_OK) {
         status = write_pose(c->file, "/device_to_world", &h->device_to_world,
                             "device frame in the world: x, y, z, qw, qx, qy, qz", error);
+    }
+    const pal_watchdog_def *w = &h->watchdog;
+    const double watchdog[6] = {w->stale, w->stall, w->latch, w->speed, w->ramp_down, w->ramp_up};
+    if (status == PALPATE_OK) {
+        status = pal_h5_write(c->file, "/watchdog", PALPATE_H5_F64, 1, (const int64_t[]){6}, watchdog,
+                              "s, m/s", "stale, stall, latch, speed, ramp down, ramp up", error);
     }
     return status == PALPATE_OK ? write_tools(c, error) : status;
 }

@@ -45,9 +45,21 @@ static pal_status read_tool(pal_h5 *file, int32_t i, pal_tool_def *tool, pal_err
         (void)snprintf(path, sizeof path, "/tool/%d/limits", (int)i);
         status = pal_h5_read(file, path, PALPATE_H5_F64, 1, (const int64_t[]){3}, limits, error);
     }
+    double spec[7] = {0.0};
+    (void)snprintf(path, sizeof path, "/tool/%d/spec", (int)i);
+    if (status == PALPATE_OK && pal_h5_has(file, path)) {
+        status = pal_h5_read(file, path, PALPATE_H5_F64, 1, (const int64_t[]){7}, spec, error);
+    }
     if (status != PALPATE_OK) {
         return status;
     }
+    tool->spec = (pal_device_spec){.max_force = spec[0],
+                                   .max_torque = spec[1],
+                                   .max_stiffness = spec[2],
+                                   .max_damping = spec[3],
+                                   .max_speed = spec[4],
+                                   .damping = spec[5],
+                                   .resolution = spec[6]};
     if (!(shape[0] >= PALPATE_SHAPE_POINT && shape[0] <= PALPATE_SHAPE_CAPSULE)) {
         return pal_fail(error, PALPATE_ERROR_FORMAT, "/tool/%d/shape: %g is no known shape", (int)i,
                         shape[0]);
@@ -107,6 +119,11 @@ static pal_status read_facts(pal_recording *r, pal_error *error) {
     if (status == PALPATE_OK) {
         status = read_pose(r->file, "/device_to_world", &def->device_to_world, error);
     }
+    double w[6] = {0.0}; // recordings from before there were thresholds were made with the defaults
+    if (status == PALPATE_OK && pal_h5_has(r->file, "/watchdog")) {
+        status = pal_h5_read(r->file, "/watchdog", PALPATE_H5_F64, 1, (const int64_t[]){6}, w, error);
+    }
+    def->watchdog = (pal_watchdog_def){w[0], w[1], w[2], w[3], w[4], w[5]};
     info->freewheel = freewheel != 0;
     info->complete = complete == 1;
     if (status == PALPATE_OK && (max_contacts < 1 || max_contacts > INT32_MAX)) {

@@ -111,6 +111,10 @@ static uint32_t read_devices(pal_servo *servo, int64_t time_ns, uint64_t missed,
     const uint64_t most = UINT32_MAX >> PALPATE_STATE_MISSED_SHIFT;
     uint32_t gap = (uint32_t)(missed < most ? missed : most) << PALPATE_STATE_MISSED_SHIFT;
     uint32_t stale = 0;
+    if (atomic_load_explicit(&servo->unlatch, memory_order_relaxed) != 0) {
+        atomic_store_explicit(&servo->unlatch, 0, memory_order_relaxed);
+        gap |= PALPATE_STATE_UNLATCH;
+    }
     for (int32_t i = 0; i < servo->tool_count; i++) {
         pal_device *d = &servo->device[i];
         memset(&in[i], 0, sizeof in[i]);
@@ -216,6 +220,7 @@ static void tick(pal_servo *servo, uint64_t period, uint64_t missed, int64_t wak
     } else {
         add(&servo->field_skipped, 1);
     }
+    uint32_t latched = 0, seen = atomic_load_explicit(&servo->fault, memory_order_relaxed);
     for (int32_t i = 0; i < servo->tool_count; i++) {
         keep_peaks(servo, &out[i]);
         const pal_tick_record record = {
@@ -235,7 +240,11 @@ static void tick(pal_servo *servo, uint64_t period, uint64_t missed, int64_t wak
             .force = out[i],
         };
         push_record(servo, &record);
+        seen |= record.fault;
+        latched |= (record.fault & PALPATE_FAULT_LATCHED) != 0 ? 1u << i : 0u;
     }
+    atomic_store_explicit(&servo->fault, seen, memory_order_relaxed);
+    atomic_store_explicit(&servo->latched, latched, memory_order_relaxed);
     add(&servo->ticks, 1);
 }
 

@@ -60,11 +60,14 @@ typedef struct pal_servo {
 
     // orders and state
     _Atomic int32_t stop;    ///< ask to stop
+    _Atomic int32_t unlatch; ///< ask to let latched watchdogs go
     _Atomic int32_t running; ///< 1 from the start of the loop to its end
 
     // numbers, written by the servo thread only
     _Atomic uint64_t ticks, missed, field_skipped, device_errors, records_lost, page_faults;
     _Atomic uint64_t bare_ticks, bare_missed;
+    _Atomic uint32_t latched; ///< bit per tool, of the last tick
+    _Atomic uint32_t fault;   ///< fault bits raised so far, those of devices included
     _Atomic double peak_force, peak_vector[3], peak_depth;
     pal_servo_times times;
     pal_histogram bare_lateness;

@@ -15,6 +15,7 @@
 #include <unistd.h>
 
 #include "haptic/error.h"
+#include "haptic/output.h"
 #include "haptic/record.h"
 #include "haptic/render_thread.h"
 #include "haptic/servo.h"
@@ -114,9 +115,16 @@ static uint64_t frame_periods(double rate, double period) {
     return rate > 0.0 && n == 0 ? 1 : n;
 }
 
-static pal_status build(pal_session *s, const pal_model *model, const pal_session_def *def,
+static pal_status build(pal_session *s, const pal_model *model, const pal_session_def *asked,
                         pal_error *error) {
+    pal_session_def own = *asked, *def = &own;
     pal_engine_def engine_def = def->engine;
+    pal_tool_def tool[PALPATE_TOOLS_MAX];
+    for (int32_t i = 0; i < engine_def.tool_count; i++) {
+        tool[i] = engine_def.tools[i];
+        tool[i].spec = pal_spec_merge(&tool[i].spec, &def->devices[i].spec);
+    }
+    engine_def.tools = tool;
     if (engine_def.reader_count < LEAST_READERS) {
         engine_def.reader_count = LEAST_READERS; // render and recorder; the host's own come after
     }
@@ -124,6 +132,7 @@ static pal_status build(pal_session *s, const pal_model *model, const pal_sessio
     if (status != PALPATE_OK) {
         return status;
     }
+    def->engine = *pal_engine_get_def(s->engine); // limits and watchdog in effect
     s->tool_count = def->engine.tool_count;
     s->want_render = def->render_rate > 0.0;
     s->want_record = def->record_path != NULL;
@@ -359,6 +368,10 @@ void pal_session_request_stop(pal_session *session) {
     atomic_store_explicit(&session->servo.stop, 1, memory_order_relaxed);
 }
 
+void pal_session_unlatch(pal_session *session) {
+    atomic_store_explicit(&session->servo.unlatch, 1, memory_order_relaxed);
+}
+
 int pal_session_running(const pal_session *session) {
     return session->stage == STARTED &&
            atomic_load_explicit(&session->servo.running, memory_order_acquire);
@@ -427,6 +440,12 @@ void pal_session_get_report(const pal_session *s, pal_session_report *out) {
         out->peak_force_vector[k] = atomic_load_explicit(&v->peak_vector[k], memory_order_relaxed);
     }
     out->counts = s->counts;
+    out->latched = atomic_load_explicit(&v->latched, memory_order_relaxed);
+    out->fault = atomic_load_explicit(&v->fault, memory_order_relaxed);
+    out->tool_count = s->tool_count;
+    for (int32_t i = 0; i < s->tool_count; i++) {
+        out->limits[i] = pal_engine_get_def(s->engine)->tools[i].limits;
+    }
     out->bare.ticks = atomic_load_explicit(&v->bare_ticks, memory_order_relaxed);
     out->bare.missed = atomic_load_explicit(&v->bare_missed, memory_order_relaxed);
     out->bare.lateness_us = pal_histogram_us(&v->bare_lateness);

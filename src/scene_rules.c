@@ -224,6 +224,18 @@ pal_status pal_rule_tool(pal_reading *r, const pal_value *value, void *object) {
                                     found, "a name of its own", "rename one");
         }
     }
+    const pal_device_spec *spec = &tool->spec;
+    const pal_value *limits = pal_value_get(value, "limits");
+    if ((spec->max_force > 0.0 && tool->limits.force > spec->max_force) ||
+        (spec->max_torque > 0.0 && tool->limits.torque > spec->max_torque)) {
+        pal_place place;
+        pal_reading_place(r, limits, &place);
+        if (pal_scene_warn(r->scene, &place,
+                           "a limit is above what device_spec says the device bears: the device's holds") !=
+            PALPATE_OK) {
+            return pal_reading_memory(r);
+        }
+    }
     tool->has_start = !pal_value_is_null(pal_value_get(value, "start"));
     if (pal_value_key(value, "device") != NULL &&
         pal_value_is_null(pal_value_get(value, "device"))) {
@@ -280,6 +292,15 @@ pal_status pal_rule_body(pal_reading *r, const pal_value *value, void *object) {
         status = pal_scene_check_primitive(scene, r->error);
     }
     return status;
+}
+
+pal_status pal_rule_watchdog(pal_reading *r, const pal_value *value, void *object) {
+    const pal_watchdog_def *w = &((const struct pal_scene *)object)->runtime.watchdog;
+    if (w->latch < w->stale || w->latch < w->stall) {
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, value, "latch", "a time shorter than stale or stall",
+                                "at least both", "raise it");
+    }
+    return PALPATE_OK;
 }
 
 pal_status pal_rule_root(pal_reading *r, const pal_value *value, void *object) {

@@ -17,6 +17,8 @@
 #define UP_TO(b) "more than 0, up to " #b, 0.0, 1, b, 0
 #define BETWEEN(a, b) "more than " #a ", less than " #b, a, 1, b, 1
 
+#define LIMIT_WORDS .word = {"auto", "none"}, .word_value = {0, INFINITY}
+
 #define BIND(...) (&(const pal_key_binding){__VA_ARGS__})
 #define AT(object, field) .offset = offsetof(object, field)
 #define PLACE(object, field) .has_place = 1, .place_offset = offsetof(object, field)
@@ -334,13 +336,28 @@ static const pal_scene_key KEYS[] = {
     NUMBER("tools[].coupling.damping", "N s/m", NOT_NEGATIVE, "0", "its damper", pal_tool_def,
            coupling_damping),
     MAP("tools[].limits", "(all defaults)", "what the device may be asked for"),
-    NUMBER("tools[].limits.force", "N", UP_TO(1000), "3.3",
-           "cap of the force's magnitude (3.3 N: peak of a Geomagic Touch)", pal_tool_def,
-           limits.force),
-    NUMBER("tools[].limits.slew", "N/ms", UP_TO(100000), "100", "cap of the force's rate of change",
-           pal_tool_def, limits.slew),
-    NUMBER("tools[].limits.torque", "N m", UP_TO(100), "0.2", "cap of the torque's magnitude",
-           pal_tool_def, limits.torque),
+    NUMBER("tools[].limits.force", "N", UP_TO(1000), "auto",
+           "cap of the force's magnitude; auto: device_spec.max_force, else 3.3 (peak of a Geomagic "
+           "Touch); none: no cap, and each run says so",
+           pal_tool_def, limits.force, LIMIT_WORDS),
+    NUMBER("tools[].limits.slew", "N/ms", UP_TO(100000), "auto",
+           "cap of the force's rate of change; auto: 100; none: as above", pal_tool_def, limits.slew,
+           LIMIT_WORDS),
+    NUMBER("tools[].limits.torque", "N m", UP_TO(100), "auto",
+           "cap of the torque's magnitude; auto: device_spec.max_torque, else 0.2; none: as above",
+           pal_tool_def, limits.torque, LIMIT_WORDS),
+    MAP("tools[].device_spec", "(all unknown)",
+        "what the device that the tool is felt with can bear; limits and coupling never exceed it"),
+    NUMBER("tools[].device_spec.max_force", "N", UP_TO(1000), "(unknown)", "largest force",
+           pal_tool_def, spec.max_force),
+    NUMBER("tools[].device_spec.max_torque", "N m", UP_TO(100), "(unknown)", "largest torque",
+           pal_tool_def, spec.max_torque),
+    NUMBER("tools[].device_spec.max_stiffness", "N/m", UP_TO(1e6), "(unknown)",
+           "stiffest virtual coupling that stays stable on it", pal_tool_def, spec.max_stiffness),
+    NUMBER("tools[].device_spec.max_damping", "N s/m", UP_TO(1e4), "(unknown)",
+           "largest damping of a virtual coupling", pal_tool_def, spec.max_damping),
+    NUMBER("tools[].device_spec.max_speed", "m/s", UP_TO(1000), "(unknown)",
+           "speed of its tip; a pose that moves faster is a fault", pal_tool_def, spec.max_speed),
     VECTOR("tools[].start", "m", FINITE, "(needed by indent and by scripted devices)",
            "tool origin when it just touches", pal_tool_def, start),
     VECTOR("tools[].axis", "-", FINITE, "[0, 0, -1]", "pressing direction, any length but 0",
@@ -357,6 +374,24 @@ static const pal_scene_key KEYS[] = {
            "who computes the displacement field: the servo after each force, or the render thread at "
            "its own rate (large bodies: the tick then costs nothing for the field)",
            struct pal_scene, runtime.field_by),
+    MAP("watchdog", "(all defaults)", "when input is a fault and the force fades, ramps or latches",
+        .check = pal_rule_watchdog),
+    NUMBER("watchdog.stale", "s", WITHIN(0.001, 1), "0.02",
+           "a pose this old (refused, no number, time stamp standing or backwards) fades the force",
+           struct pal_scene, runtime.watchdog.stale),
+    NUMBER("watchdog.stall", "s", WITHIN(0.001, 10), "0.1",
+           "so much time without a tick: the force starts from zero", struct pal_scene,
+           runtime.watchdog.stall),
+    NUMBER("watchdog.latch", "s", WITHIN(0.001, 60), "1",
+           "stale or stalled this long: the force stays zero until it is let go", struct pal_scene,
+           runtime.watchdog.latch),
+    NUMBER("watchdog.speed", "m/s", WITHIN(0.001, 1000), "auto",
+           "a pose that moves faster is a jump; auto: device_spec.max_speed, else 20", struct pal_scene,
+           runtime.watchdog.speed, .word = {"auto"}, .word_value = {0}),
+    NUMBER("watchdog.ramp_down", "s", WITHIN(1e-6, 1), "0.01", "time in which the force fades",
+           struct pal_scene, runtime.watchdog.ramp_down),
+    NUMBER("watchdog.ramp_up", "s", WITHIN(0.001, 10), "0.1",
+           "time in which it comes back after a fault", struct pal_scene, runtime.watchdog.ramp_up),
     INTEGER("max_contacts", WITHIN(1, 1024), "32", "contact points an engine keeps at once",
             struct pal_scene, runtime.max_contacts),
 };

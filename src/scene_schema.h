@@ -120,6 +120,7 @@ pal_status pal_rule_refine(pal_reading *r, const pal_value *value, void *object)
 pal_status pal_rule_method(pal_reading *r, const pal_value *value, void *object);
 pal_status pal_rule_tool(pal_reading *r, const pal_value *value, void *object);
 pal_status pal_rule_body(pal_reading *r, const pal_value *value, void *object);
+pal_status pal_rule_watchdog(pal_reading *r, const pal_value *value, void *object);
 pal_status pal_rule_root(pal_reading *r, const pal_value *value, void *object);
 
 #endif

@@ -150,6 +150,52 @@ static void print_quantiles(const char *name, const pal_quantiles *q) {
     (void)printf("  %-16s %9.1f %9.1f %9.1f %9.1f\n", name, q->p50, q->p99, q->p999, q->max);
 }
 
+/// null: no limit.
+static json_t *json_limit(double limit) {
+    return isfinite(limit) ? json_real(limit) : json_null();
+}
+
+static json_t *json_limits(const pal_session_report *r) {
+    json_t *array = json_array();
+    for (int32_t t = 0; t < r->tool_count; t++) {
+        const pal_tool_limits *l = &r->limits[t];
+        json_array_append_new(array, json_pack("{s:o,s:o,s:o}", "force", json_limit(l->force), "slew",
+                                              json_limit(l->slew), "torque", json_limit(l->torque)));
+    }
+    return array;
+}
+
+/// The newest onsets of faults, oldest first.
+static json_t *json_events(const pal_engine_counts *c, const char *const name[32]) {
+    json_t *array = json_array();
+    uint64_t first = c->events > PALPATE_EVENTS_KEPT ? c->events - PALPATE_EVENTS_KEPT : 0;
+    for (uint64_t n = first; n < c->events; n++) {
+        const pal_fault_event *e = &c->event[n % PALPATE_EVENTS_KEPT];
+        json_array_append_new(array, json_pack("{s:I,s:i,s:s,s:o}", "tick", (json_int_t)e->tick, "tool",
+                                              (int)e->tool, "fault", name[e->bit] + strlen("PALPATE_FAULT_"),
+                                              "value", json_limit(e->value)));
+    }
+    return array;
+}
+
+static void print_limit(const char *name, double limit, const char *unit) {
+    if (isfinite(limit)) {
+        (void)printf(" %s %g %s", name, limit, unit);
+    } else {
+        (void)printf(" %s NOT LIMITED", name);
+    }
+}
+
+static void print_limits(const pal_session_report *r) {
+    for (int32_t t = 0; t < r->tool_count; t++) {
+        (void)printf("limits         tool %d:", (int)t);
+        print_limit("force", r->limits[t].force, "N,");
+        print_limit("slew", r->limits[t].slew, "N/ms,");
+        print_limit("torque", r->limits[t].torque, "N m");
+        (void)printf("%s\n", r->latched >> t & 1u ? "; its watchdog is LATCHED" : "");
+    }
+}
+
 static json_t *json_report(const pal_session_report *r, const options *o) {
 #define FAULT_NAME(name, bit, text) [bit] = #name,
     static const char *const fault_name[32] = {PALPATE_FAULT_LIST(FAULT_NAME)};
@@ -181,6 +227,9 @@ static json_t *json_report(const pal_session_report *r, const options *o) {
         }
     }
     json_object_set_new(j, "faults", faults);
+    json_object_set_new(j, "events", json_events(&r->counts, fault_name));
+    json_object_set_new(j, "limits", json_limits(r));
+    json_object_set_new(j, "latched", json_integer(r->latched));
     json_object_set_new(j, "device_errors", json_integer((json_int_t)r->device_errors));
     json_object_set_new(j, "page_faults", json_integer((json_int_t)r->page_faults));
     if (o->record != NULL) {
@@ -228,6 +277,7 @@ static void print_report(const pal_session_report *r, const options *o, const pa
     (void)printf("peak force     %.4f N on the tool (%.4f, %.4f, %.4f), deepest %.2f mm\n", r->peak_force,
                  r->peak_force_vector[0], r->peak_force_vector[1], r->peak_force_vector[2],
                  1e3 * r->peak_depth);
+    print_limits(r);
     double mean = 0.0;
     unsigned long drawn = p != NULL ? painter_count(p, &mean) : 0;
     (void)printf("frames         %llu", (unsigned long long)r->frames);
@@ -237,9 +287,9 @@ static void print_report(const pal_session_report *r, const options *o, const pa
     (void)printf("; %llu ticks without a field for lack of time\n", (unsigned long long)r->field_skipped);
     for (int i = 0; i < 32; i++) {
         if (r->counts.fault[i] > 0 && fault_text[i] != NULL) {
-            (void)printf("fault          %llu x %s (last in tick %llu)\n",
+            (void)printf("fault          %llu x %s (last in tick %llu, value %g)\n",
                          (unsigned long long)r->counts.fault[i], fault_text[i],
-                         (unsigned long long)r->counts.fault_tick[i]);
+                         (unsigned long long)r->counts.fault_tick[i], r->counts.fault_value[i]);
         }
     }
     if (r->device_errors > 0) {
@@ -284,6 +334,7 @@ static pal_status run(const source *s, options *o, pal_session_report *report, p
     def.engine.tool_count = runtime->tool_count;
     def.engine.max_contacts = runtime->max_contacts;
     def.engine.field_by = runtime->field_by;
+    def.engine.watchdog = runtime->watchdog;
     def.engine.period = 1.0 / runtime->servo_rate;
     def.freewheel = o->freewheel;
     def.realtime = o->realtime;

@@ -28,6 +28,7 @@ static const char help_text[] =
     "right button    orbit (or shift + left); middle: move\n"
     "m               mouse tool or the scene's own device\n"
     "space           pause;  r  reset;  s  save a picture\n"
+    "u               let a latched watchdog go\n"
     "h               this help;  q or Esc  quit";
 
 static error_t parse(int key, char *arg, struct argp_state *state) {
@@ -158,6 +159,9 @@ static void take_input(viewer *v, const pal_window_input *in, double seconds) {
         v->range = 0.0;
         v->camera = pal_camera_default(v->model);
     }
+    if (in->unlatch) {
+        pal_session_unlatch(v->session);
+    }
     if (in->toggle_mouse) {
         v->mouse = !v->mouse;
         mouse_tool_select(v->tool, v->mouse);
@@ -172,10 +176,11 @@ static void draw(viewer *v, int width, int height) {
     pal_session_report r;
     pal_session_get_report(v->session, &r);
     const char *base = strrchr(v->o->path, '/');
-    (void)snprintf(title, sizeof title, "%s\n%llu ticks, %llu missed\ntick %.0f us (p99 %.0f us)\n%s; h: help",
+    (void)snprintf(title, sizeof title, "%s\n%llu ticks, %llu missed\ntick %.0f us (p99 %.0f us)\n%s; h: help%s",
                    base != NULL ? base + 1 : v->o->path, (unsigned long long)r.ticks,
                    (unsigned long long)r.missed, r.compute_us.p50, r.compute_us.p99,
-                   v->mouse ? "mouse tool" : "the scene's device");
+                   v->mouse ? "mouse tool" : "the scene's device",
+                   r.latched != 0 ? "\nLATCHED after a fault: u lets the force come back" : "");
     pal_caption caption = {.title = title, .range = v->range, .depth_history = v->depth,
                            .force_history = v->force, .history_count = v->history,
                            .history_seconds = v->history > 0 ? v->time[v->history - 1] - v->time[0] : 0.0,
@@ -281,6 +286,7 @@ static pal_status start_session(viewer *v, pal_error *error) {
     def.engine.tool_count = v->runtime->tool_count;
     def.engine.max_contacts = v->runtime->max_contacts;
     def.engine.field_by = v->runtime->field_by;
+    def.engine.watchdog = v->runtime->watchdog;
     def.engine.period = 1.0 / v->runtime->servo_rate;
     def.render_rate = 0.0; // this thread draws
     pal_status status = create_devices(v, &def, error);

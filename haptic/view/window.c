@@ -36,6 +36,9 @@ static void on_key(GLFWwindow *handle, int key, int scancode, int action, int mo
     case GLFW_KEY_R:
         w->input.reset = 1;
         break;
+    case GLFW_KEY_U:
+        w->input.unlatch = 1;
+        break;
     case GLFW_KEY_H:
     case GLFW_KEY_F1:
         w->input.help = 1;

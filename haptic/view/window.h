@@ -8,7 +8,7 @@ typedef struct pal_window pal_window;
 
 /// What the user asked for since the last poll.
 typedef struct pal_window_input {
-    int close, pause, reset, help, snapshot, toggle_mouse; ///< 1: asked
+    int close, pause, reset, help, snapshot, toggle_mouse, unlatch; ///< 1: asked
     double orbit[2];   ///< camera azimuth and elevation to add [rad]
     double pan[2];     ///< camera shift, in window heights
     double zoom;       ///< factor on the camera's distance

@@ -39,6 +39,7 @@ typedef struct pal_tool_state {
 /// the engine's answer depends on is in its input and a recording can be replayed.
 enum {
     PALPATE_STATE_STALE = 1,       ///< the device refused; the pose is the last one it gave
+    PALPATE_STATE_UNLATCH = 2,     ///< a latched watchdog is let go before this tick
     PALPATE_STATE_MISSED_SHIFT = 8 ///< flags >> 8: periods that passed without a tick before this one
 };
 
@@ -55,7 +56,7 @@ enum {
     X(PALPATE_FAULT_STALE, 8, "device pose is stale")                                              \
     X(PALPATE_FAULT_JUMP, 9, "device pose jumped faster than physical")                            \
     X(PALPATE_FAULT_STALL, 10, "servo or device stalled")                                          \
-    X(PALPATE_FAULT_LATCHED, 11, "watchdog is latched: force is zero until reset")                 \
+    X(PALPATE_FAULT_LATCHED, 11, "watchdog is latched: force is zero until it is let go")                 \
     X(PALPATE_FAULT_RAMP, 12, "force is ramping up after a fault")
 
 enum {
@@ -91,6 +92,7 @@ typedef struct pal_engine_def {
     /// Not used with PALPATE_FIELD_BY_READER: forces are published every tick.
     int32_t frame_age;
     pal_field_by field_by; ///< default PALPATE_FIELD_BY_SERVO
+    pal_watchdog_def watchdog; ///< of every tool; zeros: the defaults
 } pal_engine_def;
 
 PALPATE_API pal_engine_def pal_engine_default_def(void);
@@ -103,6 +105,10 @@ PALPATE_API size_t pal_engine_bytes(const pal_model *model, const pal_engine_def
 PALPATE_API pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def,
                                          pal_engine **out, pal_error *error);
 PALPATE_API void pal_engine_free(pal_engine *engine);
+
+/// The definition in effect: limits and watchdog with their defaults filled in and never beyond the
+/// tool's device spec. Valid as long as the engine.
+PALPATE_API const pal_engine_def *pal_engine_get_def(const pal_engine *engine);
 
 /// Contact and tool forces of this tick ("force first"). Thread: servo.
 /// @param[in]  in   shape [tool_count]
@@ -124,6 +130,15 @@ PALPATE_API uint32_t pal_engine_tick(pal_engine *engine, const pal_tool_state in
 /// Forget contacts, forces and latched faults. Not during a tick. Thread: servo.
 PALPATE_API void pal_engine_reset(pal_engine *engine);
 
+/// Onset of a fault: the first tick in a row that raised the bit.
+typedef struct pal_fault_event {
+    uint64_t tick;
+    double value; ///< the offending value, as in pal_engine_counts
+    int32_t tool;
+    int32_t bit;
+} pal_fault_event;
+enum { PALPATE_EVENTS_KEPT = 64 };
+
 /// Totals since create or reset.
 typedef struct pal_engine_counts {
     uint64_t ticks;
@@ -132,6 +147,8 @@ typedef struct pal_engine_counts {
     uint64_t fault[32];        ///< by fault bit
     uint64_t fault_tick[32];   ///< last tick with that fault
     double fault_value[32];    ///< the offending value of the last such event
+    uint64_t events;           ///< onsets of faults
+    pal_fault_event event[PALPATE_EVENTS_KEPT]; ///< the newest of them; number n at n % KEPT
     uint64_t frames_published;
     uint64_t solver_iterations;
     int32_t worst_iterations;

@@ -17,22 +17,12 @@ extern "C" {
 
 /// ---- Devices: a table of functions; real hardware plugs in here ------------------------------
 
-/// What the device can bear. Zero: unknown.
-typedef struct pal_device_spec {
-    char name[PALPATE_NAME_MAX];
-    double max_force;     ///< [N]
-    double max_torque;    ///< [N m]
-    double max_stiffness; ///< [N/m]
-    double damping;       ///< mechanical damping at the tip [N s/m]
-    double resolution;    ///< position resolution [m]
-} pal_device_spec;
-
 /// read() and write() are called on the servo thread once per tick: no allocation, no lock, no
 /// blocking. open() and close() run on the thread that starts the session.
 typedef struct pal_device {
     uint32_t abi; ///< PALPATE_DEVICE_ABI
     void *self;
-    pal_device_spec spec;
+    pal_device_spec spec; ///< what it can bear (tool.h); zero: unknown
     pal_status (*open)(void *self, pal_error *error); ///< may be NULL
     pal_status (*read)(void *self, int64_t time_ns,
                        pal_tool_state *state); ///< state at session time
@@ -40,7 +30,7 @@ typedef struct pal_device {
     void (*close)(void *self);            ///< may be NULL; frees self
     double (*duration)(const void *self); ///< length of the motion [s]; may be NULL: endless
 } pal_device;
-#define PALPATE_DEVICE_ABI 1u
+#define PALPATE_DEVICE_ABI 2u
 
 /// Make the device a tool definition names (null, replay, scripted). It reports poses in the body's
 /// frame. The caller owns it (out->close(out->self)) until a session takes it over.
@@ -118,6 +108,10 @@ PALPATE_API pal_status pal_session_create(const pal_model *model, const pal_sess
 PALPATE_API pal_status pal_session_start(pal_session *session, pal_error *error);
 /// Ask the servo to stop within one period; returns at once. Async-signal-safe.
 PALPATE_API void pal_session_request_stop(pal_session *session);
+/// Let a latched watchdog go: from the next tick on the force comes back over ramp_up. The fault
+/// that latched it may latch it again. The input of that tick says so (PALPATE_STATE_UNLATCH), hence a
+/// replay of the recording does the same. Thread: any; async-signal-safe.
+PALPATE_API void pal_session_unlatch(pal_session *session);
 /// 1 while the servo runs.
 PALPATE_API int pal_session_running(const pal_session *session);
 /// Wait for the end, join the threads, close devices, convert the recording. The run's report holds
@@ -151,6 +145,10 @@ typedef struct pal_session_report {
     double peak_force_vector[3];    ///< force on the tool there, body frame [N]
     double peak_depth;              ///< [m]
     pal_engine_counts counts;       ///< filled once the servo has ended
+    int32_t tool_count;
+    pal_tool_limits limits[PALPATE_TOOLS_MAX]; ///< in effect; INFINITY: none, by the definition's choice
+    uint32_t latched;               ///< bit per tool whose watchdog is latched
+    uint32_t fault;                 ///< fault bits that have occurred, of the engine and of devices
     uint64_t device_errors;         ///< reads and writes that a device refused
     uint64_t page_faults;           ///< of the servo thread after its first tick
     uint64_t records, records_lost; ///< ticks x tools written to the recording, and not

@@ -51,11 +51,42 @@ typedef struct pal_device_def {
     pal_stroke stroke; ///< scripted
 } pal_device_def;
 
+/// What a device can bear. Zero: unknown. A limit, a coupling or a speed beyond what is known here is
+/// never passed on: forces are capped at the lesser of limit and device, a coupling is refused.
+typedef struct pal_device_spec {
+    char name[PALPATE_NAME_MAX];
+    double max_force;     ///< [N]
+    double max_torque;    ///< [N m]
+    double max_stiffness; ///< of a virtual coupling it can render stably [N/m]
+    double max_damping;   ///< of a virtual coupling [N s/m]
+    double max_speed;     ///< of its tip; a pose that moves faster is a fault [m/s]
+    double damping;       ///< mechanical damping at the tip [N s/m]
+    double resolution;    ///< position resolution [m]
+} pal_device_spec;
+
+/// Limits of the output stage. Each: 0 asks for the default, which is the device spec's maximum where
+/// that is known, else PALPATE_DEFAULT_*; INFINITY is no limit, a choice that is reported wherever
+/// limits are (pal_session_report, `palpate run`). There is no other way to be without one.
 typedef struct pal_tool_limits {
     double force;  ///< cap of |force| [N]
     double slew;   ///< cap of |d force/dt| [N/ms]
     double torque; ///< cap of |torque| [N m]
 } pal_tool_limits;
+#define PALPATE_DEFAULT_FORCE 3.3  ///< [N]: peak of a Geomagic Touch
+#define PALPATE_DEFAULT_SLEW 100.0 ///< [N/ms]
+#define PALPATE_DEFAULT_TORQUE 0.2 ///< [N m]
+
+/// When the watchdog in front of the output stage acts. Each: 0 asks for the default; values out of
+/// range are refused, so that it cannot be turned off. Rules: haptic/watchdog.h.
+typedef struct pal_watchdog_def {
+    double stale;     ///< a pose this old is stale, the force fades [s]; 0.001 to 1, default 0.02
+    double stall;     ///< periods without a tick: the force starts from zero [s]; 0.001 to 10, default 0.1
+    double latch;     ///< stale or stalled this long latches [s]; 0.001 to 60, default 1
+    double speed;     ///< a pose that moves faster jumps [m/s]; up to 1000, default: the device
+                      ///< spec's max_speed, else 20; never above the former
+    double ramp_down; ///< time in which a force fades [s]; up to 1, default 0.01
+    double ramp_up;   ///< time in which it comes back after a fault [s]; 0.001 to 10, default 0.1
+} pal_watchdog_def;
 
 /// One tool of a scene. Positions are in the body's frame.
 typedef struct pal_tool_def {
@@ -67,6 +98,7 @@ typedef struct pal_tool_def {
     double coupling_stiffness; ///< virtual coupling [N/m]; 0: none (rigid)
     double coupling_damping;   ///< [N s/m]
     pal_tool_limits limits;
+    pal_device_spec spec; ///< what its device can bear; a session takes the lesser of this and the device's own
     double start[3]; ///< tool origin when it just touches [m]
     double axis[3];  ///< pressing direction, unit
     int has_start;   ///< 1 when the scene gave `start`
@@ -89,6 +121,7 @@ typedef struct pal_runtime_config {
     double render_rate;   ///< [Hz]
     int32_t max_contacts; ///< contact points an engine keeps; more are reduced and counted
     pal_field_by field_by; ///< the scene's `render: {field: servo | render}`
+    pal_watchdog_def watchdog;
 } pal_runtime_config;
 
 #ifdef __cplusplus

@@ -313,6 +313,24 @@ static void cap_and_slew_reach_the_output(void **state) {
     rig_free(&r);
 }
 
+/// A tool that was never given limits is limited all the same.
+static void zero_limits_are_the_defaults(void **state) {
+    (void)state;
+    rig r;
+    rig_model(&r, 9, PALPATE_PRECISION_SINGLE, 0.0);
+    r.tools[0].limits = (pal_tool_limits){0};
+    r.tools[0].spec.max_force = 0.02;
+    rig_engine(&r);
+    const pal_engine_def *def = pal_engine_get_def(r.engine);
+    assert_true(def->tools[0].limits.force == 0.02);
+    assert_true(def->tools[0].limits.slew == PALPATE_DEFAULT_SLEW);
+    assert_true(def->tools[0].limits.torque == PALPATE_DEFAULT_TORQUE);
+    pal_tool_force out = rig_press(&r, 0, 0, 0.0041, 0.002, 10);
+    assert_true(out.fault & PALPATE_FAULT_CAP);
+    assert_true(fabs(norm(out.force) - 0.02) < 1e-12);
+    rig_free(&r);
+}
+
 static void unfactorable_block_keeps_the_last_force_and_says_so(void **state) {
     (void)state;
     rig r;
@@ -473,7 +491,7 @@ static void definitions_are_checked(void **state) {
         pal_tool_def tool;
         pal_status status;
         const char *word;
-    } bad[16];
+    } bad[32];
     int n = 0;
 #define BAD(change, code, text)                                                                    \
     do {                                                                                           \
@@ -499,6 +517,12 @@ static void definitions_are_checked(void **state) {
     BAD(tool->radius = 0, PALPATE_ERROR_ARGUMENT, "radius");
     BAD(tool->shape = (pal_shape_kind)7, PALPATE_ERROR_ARGUMENT, "shape");
     BAD(tool->limits.force = -1, PALPATE_ERROR_ARGUMENT, "limits");
+    BAD(tool->limits.slew = (double)NAN, PALPATE_ERROR_ARGUMENT, "limits");
+    BAD(tool->spec.max_force = -1, PALPATE_ERROR_ARGUMENT, "spec");
+    BAD(tool->spec.max_speed = (double)INFINITY, PALPATE_ERROR_ARGUMENT, "spec");
+    BAD((tool->spec.max_stiffness = 400, tool->coupling_stiffness = 500), PALPATE_ERROR_ARGUMENT, "bears");
+    BAD((tool->spec.max_damping = 1, tool->coupling_damping = 2), PALPATE_ERROR_ARGUMENT, "bears");
+    BAD(def->watchdog.stale = 2, PALPATE_ERROR_ARGUMENT, "watchdog.stale");
     BAD(tool->friction = 0.3, PALPATE_ERROR_UNSUPPORTED, "friction");
     BAD(tool->coupling_stiffness = 500, PALPATE_ERROR_UNSUPPORTED, "coupling");
 #undef BAD
@@ -529,6 +553,7 @@ int main(void) {
         cmocka_unit_test(bad_pose_keeps_the_last_good_one),
         cmocka_unit_test(absurd_but_finite_poses_do_no_harm),
         cmocka_unit_test(cap_and_slew_reach_the_output),
+        cmocka_unit_test(zero_limits_are_the_defaults),
         cmocka_unit_test(unfactorable_block_keeps_the_last_force_and_says_so),
         cmocka_unit_test(reset_forgets_and_repeats),
         cmocka_unit_test(forces_do_not_depend_on_fields_readers_or_other_engines),

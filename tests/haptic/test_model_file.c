@@ -108,6 +108,13 @@ static pal_model *build(int precision, int skin, double skew, synthetic_rows row
                               &tool->limits.force,
                               &tool->limits.slew,
                               &tool->limits.torque,
+                              &tool->spec.max_force,
+                              &tool->spec.max_torque,
+                              &tool->spec.max_stiffness,
+                              &tool->spec.max_damping,
+                              &tool->spec.max_speed,
+                              &tool->spec.damping,
+                              &tool->spec.resolution,
                               &tool->start[0],
                               &tool->start[1],
                               &tool->start[2],
@@ -126,6 +133,9 @@ static pal_model *build(int precision, int skin, double skew, synthetic_rows row
     for (size_t i = 0; i < sizeof tool_numbers / sizeof *tool_numbers; i++) {
         *tool_numbers[i] = value += 0.1;
     }
+    (void)snprintf(tool->spec.name, sizeof tool->spec.name, "a desk arm");
+    tool->limits.slew = INFINITY; // none, on purpose
+    m->runtime.watchdog = (pal_watchdog_def){0.01, 0.2, 3.0, 4.0, 0.5, 0.6};
     tool->device.stroke.kind = PALPATE_STROKE_PALPATION;
     tool->start[0] = -0.0; // bits, not values
     tool->start[1] = 5e-324;
@@ -211,6 +221,7 @@ static void assert_same_models(const pal_model *a, const pal_model *b) {
                 a->runtime.render_rate == b->runtime.render_rate);
     assert_int_equal(a->runtime.max_contacts, b->runtime.max_contacts);
     assert_int_equal(a->runtime.field_by, b->runtime.field_by);
+    assert_memory_equal(&a->runtime.watchdog, &b->runtime.watchdog, sizeof a->runtime.watchdog);
     SAME(position, 3 * i->node_count);
     SAME(normal, 3 * i->surface_count);
     SAME(area_vector, 3 * i->surface_count);

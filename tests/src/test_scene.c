@@ -244,11 +244,27 @@ static const pair PAIRS[] = {
     {"tools[].limits.force", "tools.0.limits.force=1", "tools.0.limits.force=2"},
     {"tools[].limits.slew", "tools.0.limits.slew=1", "tools.0.limits.slew=2"},
     {"tools[].limits.torque", "tools.0.limits.torque=1", "tools.0.limits.torque=2"},
+    {"tools[].device_spec.max_force", "tools.0.device_spec.max_force=4",
+     "tools.0.device_spec.max_force=5"},
+    {"tools[].device_spec.max_torque", "tools.0.device_spec.max_torque=4",
+     "tools.0.device_spec.max_torque=5"},
+    {"tools[].device_spec.max_stiffness", "tools.0.device_spec.max_stiffness=4",
+     "tools.0.device_spec.max_stiffness=5"},
+    {"tools[].device_spec.max_damping", "tools.0.device_spec.max_damping=4",
+     "tools.0.device_spec.max_damping=5"},
+    {"tools[].device_spec.max_speed", "tools.0.device_spec.max_speed=4",
+     "tools.0.device_spec.max_speed=5"},
     {"tools[].start", "tools.0.start=[0, 0, 1]", "tools.0.start=[0, 0, 2]"},
     {"tools[].axis", "tools.0.axis=[0, 0, 1]", "tools.0.axis=[0, 1, 1]"},
     {"servo.rate", "servo.rate=1000", "servo.rate=500"},
     {"render.rate", "render.rate=0", "render.rate=60"},
     {"render.field", "render.field=servo", "render.field=render"},
+    {"watchdog.stale", "watchdog.stale=0.01", "watchdog.stale=0.03"},
+    {"watchdog.stall", "watchdog.stall=0.01", "watchdog.stall=0.03"},
+    {"watchdog.latch", "watchdog.latch=2", "watchdog.latch=3"},
+    {"watchdog.speed", "watchdog.speed=auto", "watchdog.speed=3"},
+    {"watchdog.ramp_down", "watchdog.ramp_down=0.01", "watchdog.ramp_down=0.03"},
+    {"watchdog.ramp_up", "watchdog.ramp_up=0.01", "watchdog.ramp_up=0.03"},
     {"max_contacts", "max_contacts=1", "max_contacts=2"},
 };
 
@@ -311,6 +327,7 @@ static int differ(const char *a, const char *b) {
                    t->radius != u->radius || t->length != u->length ||
                    t->device.kind != u->device.kind ||
                    memcmp(&t->limits, &u->limits, sizeof t->limits) != 0 ||
+                   memcmp(&t->spec, &u->spec, sizeof t->spec) != 0 ||
                    memcmp(t->start, u->start, sizeof t->start) != 0 ||
                    memcmp(t->axis, u->axis, sizeof t->axis) != 0 ||
                    memcmp(&t->device.stroke, &u->device.stroke, sizeof t->device.stroke) != 0;
@@ -318,7 +335,9 @@ static int differ(const char *a, const char *b) {
     differs |= one->runtime.servo_rate != two->runtime.servo_rate ||
                one->runtime.render_rate != two->runtime.render_rate ||
                one->runtime.field_by != two->runtime.field_by ||
-               one->runtime.max_contacts != two->runtime.max_contacts;
+               one->runtime.max_contacts != two->runtime.max_contacts ||
+               memcmp(&one->runtime.watchdog, &two->runtime.watchdog,
+                      sizeof one->runtime.watchdog) != 0;
     pal_scene_free(one);
     pal_scene_free(two);
     return differs;
