@@ -21,8 +21,8 @@
 ///
 /// The best iterate, projected on its cones, is kept in the residual of the header.
 ///
-/// Layout of the workspace: system (3m x 3m), vectors of 3m, points of m, pivots; for the frictionless
-/// case the normal block and the workspace of pal_lcp_solve.
+/// Layout of the workspace: system (3m x 3m), vectors of 3m, the workspace of pal_lcp_solve for the
+/// frictionless case, points of m, pivots.
 #include "haptic/friction.h"
 
 #include <math.h>
@@ -39,7 +39,9 @@ static const double FIRST_SHIFT = 1e-2; // a of the first, over the mean of M's 
 typedef struct point {
     double dn, dt;  ///< own compliance
     double d[2];    ///< slip: direction of f_t
-    double mu;      ///< as scaled
+    double mu;      ///< as scaled; < 0: held
+    int32_t row;    ///< first row
+    int32_t rows;   ///< 1 or 3
     double spring;  ///< g
     int32_t at;     ///< first unknown
     uint8_t kind;   ///< pal_friction_point
@@ -55,7 +57,6 @@ typedef struct friction_work {
     double *system, *x, *f, *w, *step, *wstep, *trial, *wtrial, *best_f, *centre, *moved;
     point *point;
     int32_t *pivot;
-    double *block;
     void *lcp;
     int32_t left;     ///< iterations
     int singular;
@@ -69,7 +70,7 @@ static size_t lcp_doubles(size_t m) {
 
 size_t pal_friction_bytes(int32_t points) {
     size_t m = points > 0 ? (size_t)points : 1, n = 3 * m;
-    return (n * n + WORK_VECTORS * n + m * m + lcp_doubles(m)) * sizeof(double) + m * sizeof(point) +
+    return (n * n + WORK_VECTORS * n + lcp_doubles(m)) * sizeof(double) + m * sizeof(point) +
            n * sizeof(int32_t);
 }
 
@@ -83,15 +84,14 @@ static void place(friction_work *s, int32_t points, void *memory) {
     for (int i = 0; i < WORK_VECTORS; i++, at += n) {
         *vector[i] = at;
     }
-    s->block = at;
-    s->lcp = at + m * m;
-    s->point = (point *)(void *)(at + m * m + lcp_doubles(m));
+    s->lcp = at;
+    s->point = (point *)(void *)(at + lcp_doubles(m));
     s->pivot = (int32_t *)(void *)(s->point + m);
 }
 
 /// y = (M + shift) f
 static void product(const pal_friction *p, double shift, const double *f, double *y) {
-    int32_t n = 3 * p->points;
+    int32_t n = p->rows;
     for (int32_t i = 0; i < n; i++) {
         y[i] = shift * f[i];
     }
@@ -107,7 +107,7 @@ static void product(const pal_friction *p, double shift, const double *f, double
 
 static void gap(const pal_friction *p, double shift, const double *q, const double *f, double *w) {
     product(p, shift, f, w);
-    for (int32_t i = 0; i < 3 * p->points; i++) {
+    for (int32_t i = 0; i < p->rows; i++) {
         w[i] += q[i];
     }
 }
@@ -129,10 +129,15 @@ static void disc(double r, double v[2]) {
 
 /// || F(f) || / || q || of the map that Newton solves; with c = 1 and f in its cones it is zero with
 /// the header's.
-static double merit(const friction_work *s, const double *f, const double *w) {
+static double merit(const friction_work *s, const double *force, const double *gaps) {
     double sum = 0;
-    for (int32_t i = 0; i < s->p->points; i++, f += 3, w += 3) {
+    for (int32_t i = 0; i < s->p->points; i++) {
         const point *c = &s->point[i];
+        const double *f = force + c->row, *w = gaps + c->row;
+        if (c->mu < 0) {
+            sum += w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+            continue;
+        }
         double z = c->dn * f[0] - s->cn * w[0], r = z > 0 ? c->dn * f[0] - z : c->dn * f[0];
         sum += r * r;
         if (c->mu > 0) {
@@ -147,10 +152,15 @@ static double merit(const friction_work *s, const double *f, const double *w) {
 }
 
 /// The header's residual of f in its cones.
-static double natural_residual(const friction_work *s, const double *f, const double *w) {
+static double natural_residual(const friction_work *s, const double *force, const double *gaps) {
     double sum = 0;
-    for (int32_t i = 0; i < s->p->points; i++, f += 3, w += 3) {
+    for (int32_t i = 0; i < s->p->points; i++) {
         const point *c = &s->point[i];
+        const double *f = force + c->row, *w = gaps + c->row;
+        if (c->mu < 0) {
+            sum += w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+            continue;
+        }
         double r = c->dn * f[0] < w[0] ? c->dn * f[0] : w[0];
         sum += r * r;
         if (c->mu > 0) {
@@ -163,20 +173,19 @@ static double natural_residual(const friction_work *s, const double *f, const do
     return sqrt(sum) / s->norm;
 }
 
-/// Project f on its cones. @return 1 when that changed nothing
-static int project(const friction_work *s, const double *from, double *f) {
-    int inside = 1;
+/// Project f on its cones.
+static void project(const friction_work *s, const double *from, double *to) {
+    memcpy(to, from, (size_t)s->p->rows * sizeof *to);
     for (int32_t i = 0; i < s->p->points; i++) {
-        const double *a = from + 3 * (size_t)i;
-        double *b = f + 3 * (size_t)i, mu = s->point[i].mu;
-        b[0] = a[0] > 0 ? a[0] : 0;
-        b[1] = mu > 0 ? a[1] : 0;
-        b[2] = mu > 0 ? a[2] : 0;
-        disc(mu * b[0], b + 1);
-        inside &= b[0] >= a[0] && b[0] <= a[0] && b[1] >= a[1] && b[1] <= a[1] && b[2] >= a[2] &&
-                  b[2] <= a[2];
+        const point *c = &s->point[i];
+        double *f = to + c->row;
+        if (c->mu >= 0) {
+            f[0] = f[0] > 0 ? f[0] : 0;
+        }
+        if (c->mu > 0) {
+            disc(c->mu * f[0], f + 1);
+        }
     }
-    return inside;
 }
 
 /// Keep f, projected, when it is the best of the problem given. Uses s->trial, s->wtrial.
@@ -187,7 +196,7 @@ static double keep_best(friction_work *s, const double *f) {
     double residual = natural_residual(s, s->trial, s->wtrial);
     if (residual < s->best) {
         s->best = residual;
-        memcpy(s->best_f, s->trial, 3 * (size_t)s->p->points * sizeof *f);
+        memcpy(s->best_f, s->trial, (size_t)s->p->rows * sizeof *f);
     }
     return residual;
 }
@@ -199,9 +208,14 @@ static int32_t predict(friction_work *s, const uint8_t *hint, int *symmetric) {
     *symmetric = s->p->symmetric;
     for (int32_t i = 0; i < s->p->points; i++) {
         point *c = &s->point[i];
-        const double *f = s->f + 3 * (size_t)i, *w = s->w + 3 * (size_t)i;
-        double z = f[0] - s->cn * w[0] / c->dn;
+        const double *f = s->f + c->row, *w = s->w + c->row;
         c->at = unknowns;
+        if (c->mu < 0) {
+            c->kind = PALPATE_POINT_STICK;
+            unknowns += 3;
+            continue;
+        }
+        double z = f[0] - s->cn * w[0] / c->dn;
         c->kind = PALPATE_POINT_OPEN;
         int touches = z > 0 || (hint != NULL && hint[i] != PALPATE_POINT_OPEN);
         if (!touches) {
@@ -232,15 +246,15 @@ static int32_t predict(friction_work *s, const uint8_t *hint, int *symmetric) {
     return unknowns;
 }
 
-/// Rows of point `c` out of the three of a column: B' v into `to`.
-static int32_t rows_of(const point *c, const double v[3], double *to) {
+/// B' v of the rows v of point `c`. @return their number
+static int32_t rows_of(const point *c, const double *v, double *to) {
     to[0] = v[0];
     if (c->kind == PALPATE_POINT_STICK) {
         to[1] = v[1];
         to[2] = v[2];
         return 3;
     }
-    if (c->mu > 0) {
+    if (c->rows == 3) {
         to[1] = c->d[0] * v[2] - c->d[1] * v[1];
         return 2;
     }
@@ -256,41 +270,42 @@ static void assemble(friction_work *s, int32_t unknowns) {
         if (c->kind == PALPATE_POINT_OPEN) {
             continue;
         }
-        const double *m = p->m + 3 * (size_t)j * ld;
+        const double *m = p->m + (size_t)c->row * ld, *q = s->q + c->row;
         double *to = s->system + (size_t)c->at * k;
         for (int32_t i = 0; i < p->points; i++) {
             const point *r = &s->point[i];
             if (r->kind == PALPATE_POINT_OPEN) {
                 continue;
             }
-            const double *a = m + 3 * (size_t)i, *b = a + ld, *e = b + ld;
-            double own = i == j ? s->shift : 0;
-            double n[3] = {a[0] + own, a[1], a[2]};
+            const double *a = m + r->row;
             size_t at = (size_t)r->at;
-            if (!(c->mu > 0)) {
-                rows_of(r, n, to + at);
-                continue;
-            }
-            double t1[3] = {b[0], b[1] + own, b[2]}, t2[3] = {e[0], e[1], e[2] + own};
-            if (c->kind == PALPATE_POINT_STICK) {
-                rows_of(r, n, to + at);
-                rows_of(r, t1, to + at + k);
-                rows_of(r, t2, to + at + 2 * k);
-                continue;
-            }
-            double along[3], across[3];
-            for (int l = 0; l < 3; l++) {
-                along[l] = n[l] + c->mu * (c->d[0] * t1[l] + c->d[1] * t2[l]);
-                across[l] = c->d[0] * t2[l] - c->d[1] * t1[l];
-            }
-            rows_of(r, along, to + at);
-            rows_of(r, across, to + at + k);
-            if (i == j) {
-                to[at + 1 + k] += c->spring;
+            if (c->rows == 1) {
+                rows_of(r, a, to + at);
+            } else if (c->kind == PALPATE_POINT_STICK) {
+                rows_of(r, a, to + at);
+                rows_of(r, a + ld, to + at + k);
+                rows_of(r, a + 2 * ld, to + at + 2 * k);
+            } else {
+                double along[3] = {0}, across[3] = {0};
+                for (int l = 0; l < r->rows; l++) {
+                    double t1 = a[(size_t)l + ld], t2 = a[(size_t)l + 2 * ld];
+                    along[l] = a[l] + c->mu * (c->d[0] * t1 + c->d[1] * t2);
+                    across[l] = c->d[0] * t2 - c->d[1] * t1;
+                }
+                rows_of(r, along, to + at);
+                rows_of(r, across, to + at + k);
             }
         }
-        const double *q = s->q + 3 * (size_t)j;
-        double minus[3] = {-q[0], -q[1], -q[2]};
+        // a on M's diagonal: B' A of the point's own rows is the unit matrix
+        to += c->at;
+        to[0] += s->shift;
+        if (c->kind == PALPATE_POINT_STICK) {
+            to[1 + k] += s->shift;
+            to[2 + 2 * k] += s->shift;
+        } else if (c->rows == 3) {
+            to[1 + k] += s->shift + c->spring;
+        }
+        double minus[3] = {-q[0], c->rows == 3 ? -q[1] : 0, c->rows == 3 ? -q[2] : 0};
         rows_of(c, minus, s->x + c->at);
     }
 }
@@ -323,16 +338,16 @@ static int newton_point(friction_work *s, const uint8_t *hint) {
     for (int32_t i = 0; i < s->p->points; i++) {
         const point *c = &s->point[i];
         const double *x = s->x + c->at;
-        double *to = s->step + 3 * (size_t)i;
-        to[0] = to[1] = to[2] = 0;
+        double *to = s->step + c->row;
         if (c->kind == PALPATE_POINT_OPEN) {
+            memset(to, 0, (size_t)c->rows * sizeof *to);
             continue;
         }
         to[0] = x[0];
         if (c->kind == PALPATE_POINT_STICK) {
             to[1] = x[1];
             to[2] = x[2];
-        } else if (c->mu > 0) {
+        } else if (c->rows == 3) {
             to[1] = c->mu * x[0] * c->d[0] - x[1] * c->d[1];
             to[2] = c->mu * x[0] * c->d[1] + x[1] * c->d[0];
         }
@@ -342,7 +357,7 @@ static int newton_point(friction_work *s, const uint8_t *hint) {
 
 /// Newton on (M + shift, s->q) from s->f, at most `steps`. @return 1 when solved
 static int newton(friction_work *s, int32_t steps, const uint8_t *hint) {
-    int32_t n = 3 * s->p->points;
+    int32_t n = s->p->rows;
     double last[MEMORY];
     gap(s->p, s->shift, s->q, s->f, s->w);
     double now = merit(s, s->f, s->w);
@@ -391,7 +406,7 @@ static int newton(friction_work *s, int32_t steps, const uint8_t *hint) {
 }
 
 static void proximal(friction_work *s) {
-    int32_t n = 3 * s->p->points;
+    int32_t n = s->p->rows;
     double mean = 0;
     for (int32_t i = 0; i < s->p->points; i++) {
         mean += s->point[i].dn / s->p->points;
@@ -413,10 +428,10 @@ static void proximal(friction_work *s) {
 }
 
 static void raise_mu(friction_work *s) {
-    memset(s->f, 0, 3 * (size_t)s->p->points * sizeof *s->f);
+    memset(s->f, 0, (size_t)s->p->rows * sizeof *s->f);
     for (int32_t k = 1; k <= MU_STEPS && s->left > 0; k++) {
         for (int32_t i = 0; i < s->p->points; i++) {
-            s->point[i].mu = s->p->mu[i] * k / MU_STEPS;
+            s->point[i].mu = s->p->mu[i] < 0 ? -1 : s->p->mu[i] * k / MU_STEPS;
         }
         newton(s, NEWTON, NULL);
     }
@@ -429,37 +444,25 @@ static void raise_mu(friction_work *s) {
 /// The states of best_f, from its forces; w is that of best_f.
 static void finish(friction_work *s, uint8_t *state, double *f, double *w) {
     for (int32_t i = 0; i < s->p->points; i++) {
-        const double *a = s->best_f + 3 * (size_t)i;
-        double size = hypot(a[1], a[2]), radius = s->point[i].mu * a[0];
-        state[i] = !(a[0] > 0)                      ? PALPATE_POINT_OPEN
-                   : size < radius * (1 - 1e-9) ? PALPATE_POINT_STICK
-                                                    : PALPATE_POINT_SLIP;
+        const point *c = &s->point[i];
+        const double *a = s->best_f + c->row;
+        int sticks = c->mu < 0 || (c->mu > 0 && hypot(a[1], a[2]) < c->mu * a[0] * (1 - 1e-9));
+        state[i] = sticks       ? PALPATE_POINT_STICK
+                   : a[0] > 0 ? PALPATE_POINT_SLIP
+                                : PALPATE_POINT_OPEN;
     }
-    memcpy(f, s->best_f, 3 * (size_t)s->p->points * sizeof *f);
+    memcpy(f, s->best_f, (size_t)s->p->rows * sizeof *f);
     gap(s->p, 0, s->p->q, f, w);
 }
 
-static pal_friction_result solve_frictionless(friction_work *s, int32_t max_iterations, uint8_t *state,
-                                              double *f, double *w) {
+static pal_friction_result solve_frictionless(const friction_work *s, int32_t max_iterations,
+                                              uint8_t *state, double *f, double *w) {
     const pal_friction *p = s->p;
-    size_t m = (size_t)p->points;
-    double *q = s->x, *z = s->trial, *gaps = s->wtrial;
-    for (size_t j = 0; j < m; j++) {
-        q[j] = p->q[3 * j];
-        for (size_t i = 0; i < m; i++) {
-            s->block[i + j * m] = p->m[3 * i + 3 * j * (size_t)p->ld];
-        }
-    }
-    pal_lcp lcp = {.n = p->points, .m = s->block, .ld = p->points, .symmetric = p->symmetric, .q = q};
-    pal_lcp_result r = pal_lcp_solve(&lcp, max_iterations, state, z, gaps, s->lcp);
-    memset(f, 0, 3 * m * sizeof *f);
-    for (size_t i = 0; i < m; i++) {
-        f[3 * i] = z[i];
-        state[i] = z[i] > 0 ? PALPATE_POINT_SLIP : PALPATE_POINT_OPEN;
-    }
-    gap(p, 0, p->q, f, w);
-    for (size_t i = 0; i < m; i++) {
-        w[3 * i] = gaps[i];
+    pal_lcp lcp = {
+        .n = p->points, .m = p->m, .ld = p->ld, .symmetric = p->symmetric, .q = p->q};
+    pal_lcp_result r = pal_lcp_solve(&lcp, max_iterations, state, f, w, s->lcp);
+    for (int32_t i = 0; i < p->points; i++) {
+        state[i] = f[i] > 0 ? PALPATE_POINT_SLIP : PALPATE_POINT_OPEN;
     }
     return (pal_friction_result){(pal_friction_state)r.state, r.iterations, r.residual};
 }
@@ -471,22 +474,28 @@ pal_friction_result pal_friction_solve(const pal_friction *problem, int32_t max_
     if (p->points < 1) {
         return result;
     }
-    size_t n = 3 * (size_t)p->points;
+    size_t n = (size_t)p->rows, ld = (size_t)p->ld;
     friction_work s = {.p = p, .q = p->q, .cn = 1, .ct = 1, .left = max_iterations};
     place(&s, p->points, work);
-    int frictionless = 1, touching = 0;
+    int touching = 0;
+    int32_t row = 0;
     double norm = 0;
     for (int32_t i = 0; i < p->points; i++) {
-        const double *own = p->m + 3 * (size_t)i * ((size_t)p->ld + 1), *q = p->q + 3 * (size_t)i;
-        size_t ld = (size_t)p->ld;
-        point c = {.dn = own[0], .dt = (own[ld + 1] + own[2 * ld + 2]) / 2, .mu = p->mu[i]};
-        s.point[i] = c;
-        frictionless &= !(c.mu > 0);
+        const double *own = p->m + (size_t)row * (ld + 1);
+        point *c = &s.point[i];
+        *c = (point){.dn = own[0], .mu = p->mu[i], .row = row, .rows = 1};
+        if (c->mu > 0 || c->mu < 0) {
+            c->rows = 3;
+            c->dt = (own[ld + 1] + own[2 * ld + 2]) / 2;
+        }
         touching |= state[i] != PALPATE_POINT_OPEN;
-        norm += q[0] * q[0] + (c.mu > 0 ? q[1] * q[1] + q[2] * q[2] : 0);
+        row += c->rows;
     }
-    if (frictionless) {
+    if (p->rows == p->points) {
         return solve_frictionless(&s, max_iterations, state, f, w);
+    }
+    for (size_t i = 0; i < n; i++) {
+        norm += p->q[i] * p->q[i];
     }
     s.norm = norm > 0 ? sqrt(norm) : 1;
     s.best = HUGE_VAL;

@@ -35,6 +35,7 @@ static double positive(void) {
 
 typedef struct problem {
     int points, n, symmetric;
+    int row[POINTS]; ///< first of each point
     double m[MAX * MAX], q[MAX], mu[POINTS];
 } problem;
 
@@ -56,6 +57,9 @@ static void random_matrix(problem *p, int points, double condition, double skew,
     p->points = points;
     p->n = n;
     p->symmetric = skew <= 0;
+    for (int i = 0; i < points; i++) {
+        p->row[i] = 3 * i;
+    }
     for (int i = 0; i < n * n; i++) {
         v[i] = i % (n + 1) == 0;
     }
@@ -131,6 +135,28 @@ static void random_vector(problem *p, double mu_least, double mu_most) {
     }
 }
 
+/// Drop the tangential rows of points with mu = 0.
+static void without_idle_rows(problem *p) {
+    int kept[MAX], n = 0;
+    for (int i = 0; i < p->points; i++) {
+        p->row[i] = n;
+        for (int k = 0; k < 3; k++) {
+            if (k == 0 || p->mu[i] != 0) {
+                kept[n++] = 3 * i + k;
+            }
+        }
+    }
+    for (int j = 0; j < n; j++) { // kept[i] >= i: in place
+        for (int i = 0; i < n; i++) {
+            p->m[i + j * n] = p->m[kept[i] + kept[j] * p->n];
+        }
+    }
+    for (int i = 0; i < n; i++) {
+        p->q[i] = p->q[kept[i]];
+    }
+    p->n = n;
+}
+
 static void multiply(const problem *p, const double *f, double *w) {
     for (int i = 0; i < p->n; i++) {
         w[i] = p->q[i];
@@ -148,29 +174,37 @@ static double natural(const problem *p, const double *f) {
     double w[MAX], sum = 0, norm = 0;
     multiply(p, f, w);
     for (int i = 0; i < p->points; i++) {
-        const double *a = f + 3 * i, *b = w + 3 * i;
-        double r = fmin(a[0], b[0]), y1 = a[1] - b[1], y2 = a[2] - b[2], y = hypot(y1, y2);
-        double radius = p->mu[i] * fmax(a[0], 0), s = y > radius ? radius / y : 1;
-        sum += r * r + pow(a[1] - s * y1, 2) + pow(a[2] - s * y2, 2);
-        if (p->mu[i] > 0) {
-            norm += p->q[3 * i + 1] * p->q[3 * i + 1] + p->q[3 * i + 2] * p->q[3 * i + 2];
+        const double *a = f + p->row[i], *b = w + p->row[i];
+        if (p->mu[i] < 0) {
+            sum += b[0] * b[0] + b[1] * b[1] + b[2] * b[2];
+            continue;
         }
-        norm += p->q[3 * i] * p->q[3 * i];
+        double r = fmin(a[0], b[0]);
+        sum += r * r;
+        if (p->mu[i] > 0) {
+            double y1 = a[1] - b[1], y2 = a[2] - b[2], y = hypot(y1, y2);
+            double radius = p->mu[i] * fmax(a[0], 0), s = y > radius ? radius / y : 1;
+            sum += pow(a[1] - s * y1, 2) + pow(a[2] - s * y2, 2);
+        }
+    }
+    for (int i = 0; i < p->n; i++) {
+        norm += p->q[i] * p->q[i];
     }
     return norm > 0 ? sqrt(sum / norm) : sqrt(sum);
 }
 
 static void assert_in_cones(const problem *p, const double *f) {
     for (int i = 0; i < p->points; i++) {
-        assert_true(isfinite(f[3 * i]) && f[3 * i] >= 0);
-        assert_true(hypot(f[3 * i + 1], f[3 * i + 2]) <= p->mu[i] * f[3 * i]);
+        const double *a = f + p->row[i];
+        assert_true(isfinite(a[0]) && (p->mu[i] < 0 || a[0] >= 0));
+        assert_true(p->mu[i] <= 0 || hypot(a[1], a[2]) <= p->mu[i] * a[0]);
     }
 }
 
 static pal_friction_result solve(const problem *p, int iterations, uint8_t *state, double *f, double *w) {
     static double work[12 * POINTS * POINTS + 70 * POINTS];
     assert_true(pal_friction_bytes(POINTS) <= sizeof work);
-    pal_friction friction = {p->points, p->m, p->n, p->symmetric, p->q, p->mu};
+    pal_friction friction = {p->points, p->n, p->m, p->n, p->symmetric, p->q, p->mu};
     return pal_friction_solve(&friction, iterations, state, f, w, work);
 }
 
@@ -373,8 +407,10 @@ static void thousands_of_random_problems(void **state) {
         random_matrix(&p, 1 + (int)(15.999 * positive()), condition, skew, i % 2);
         random_vector(&p, 0, 1.5);
         for (int k = 0; k < p.points; k++) {
-            p.mu[k] = (i + k) % 9 == 0 ? 0 : p.mu[k]; // frictionless tools beside it
+            // frictionless tools beside it, and held points
+            p.mu[k] = (i + k) % 9 == 0 ? 0 : (i + k) % 23 == 0 ? -1 : p.mu[k];
         }
+        without_idle_rows(&p);
         struct timespec a, b;
         clock_gettime(CLOCK_MONOTONIC, &a);
         pal_friction_result r = solve(&p, PALPATE_FRICTION_ITERATIONS, kind, f, w);
@@ -435,6 +471,7 @@ static void patch(problem *p, int points, double poisson, double soft, double x[
     p->symmetric = 1;
     for (int i = 0; i < points; i++) {
         double sum = 0;
+        p->row[i] = 3 * i;
         place(i, x[i]);
         for (int k = 0; k < NODES; k++) {
             double y[2], width = soft * spacing;
@@ -624,43 +661,81 @@ static void without_friction_is_the_lcp(void **state) {
     seed = 8;
     for (int i = 0; i < 300; i++) {
         static problem p;
-        static double block[POINTS * POINTS], work[POINTS * (POINTS + 10)];
-        double f[MAX] = {0}, w[MAX], q[POINTS], z[POINTS], gaps[POINTS];
+        static double work[POINTS * (POINTS + 10)];
+        double f[MAX] = {0}, w[MAX], z[POINTS], gaps[POINTS];
         uint8_t kind[POINTS] = {0}, active[POINTS] = {0};
         random_matrix(&p, 1 + i % 16, 1e4, i % 2 ? 0.3 : 0, i % 4 < 2);
         random_vector(&p, 0, 0);
         int m = p.points;
-        for (int j = 0; j < m; j++) {
-            q[j] = p.q[3 * j];
-            for (int k = 0; k < m; k++) {
-                block[k + j * m] = p.m[3 * k + 3 * j * p.n];
-            }
-        }
-        pal_lcp lcp = {m, block, m, p.symmetric, q};
+        without_idle_rows(&p);
+        assert_int_equal(p.n, m);
+        pal_lcp lcp = {m, p.m, m, p.symmetric, p.q};
         assert_true(pal_lcp_bytes(m) <= sizeof work);
         pal_lcp_result a = pal_lcp_solve(&lcp, PALPATE_LCP_ITERATIONS, active, z, gaps, work);
         pal_friction_result b = solve(&p, PALPATE_LCP_ITERATIONS, kind, f, w);
         assert_int_equal(a.state, PALPATE_LCP_SOLVED);
         assert_int_equal(b.state, PALPATE_FRICTION_SOLVED);
         assert_int_equal(a.iterations, b.iterations);
+        assert_memory_equal(f, z, (size_t)m * sizeof *z);
+        assert_memory_equal(w, gaps, (size_t)m * sizeof *z);
         for (int j = 0; j < m; j++) {
-            assert_memory_equal(&f[3 * j], &z[j], sizeof z[j]);
-            assert_memory_equal(&w[3 * j], &gaps[j], sizeof z[j]);
-            assert_true(f[3 * j + 1] == 0 && f[3 * j + 2] == 0);
             assert_int_equal(kind[j], z[j] > 0 ? PALPATE_POINT_SLIP : PALPATE_POINT_OPEN);
         }
-        // one point with friction far away: the others by Newton's method, the same forces
-        random_matrix(&p, 1 + i % 16, 100, i % 2 ? 0.3 : 0, i % 4 < 2);
-        random_vector(&p, 0, 0);
+        // one point with friction, far away: the others by Newton's method, the same forces
+        static problem far;
+        random_matrix(&far, 1 + i % 16, 100, i % 2 ? 0.3 : 0, i % 4 < 2);
+        random_vector(&far, 0, 0);
+        far.q[0] = 10;
+        p = far;
+        without_idle_rows(&p);
+        far.mu[0] = 0.5;
+        without_idle_rows(&far);
         double g[MAX] = {0};
         uint8_t other[POINTS] = {0};
-        assert_int_equal(solve(&p, PALPATE_LCP_ITERATIONS, kind, f, w).state, PALPATE_FRICTION_SOLVED);
-        p.q[0] = 10 + fabs(p.q[0]);
         memset(kind, 0, sizeof kind);
+        memset(f, 0, sizeof f);
         solve(&p, PALPATE_LCP_ITERATIONS, kind, f, w);
-        p.mu[0] = 0.5;
-        assert_int_equal(solve(&p, PALPATE_FRICTION_ITERATIONS, other, g, w).state, PALPATE_FRICTION_SOLVED);
-        assert_true(distance(p.n, g, f) < 1e-6); // residual 1e-9 of || q || 10 x condition 100
+        pal_friction_result c = solve(&far, PALPATE_FRICTION_ITERATIONS, other, g, w);
+        assert_int_equal(c.state, PALPATE_FRICTION_SOLVED);
+        memmove(g + 1, g + 3, sizeof g - 3 * sizeof *g);
+        if (f[0] <= 0) { // as it is where the others' forces do not draw it in
+            assert_true(distance(p.n, g, f) < 1e-6); // 1e-9 of || q || 10 x condition 100
+        }
+    }
+}
+
+/// All held: the linear system. One held beside sliding ones: its gap is closed whatever pulls.
+static void held_points_are_bonded(void **state) {
+    (void)state;
+    seed = 12;
+    for (int i = 0; i < 100; i++) {
+        static problem p;
+        static double lu[MAX * MAX];
+        double f[MAX] = {0}, w[MAX], x[MAX];
+        int32_t pivot[MAX];
+        uint8_t kind[POINTS] = {0};
+        random_matrix(&p, 1 + i % 12, 100, i % 2 ? 0.3 : 0, 0);
+        random_vector(&p, 0.3, 0.6);
+        for (int k = 0; k < p.points; k++) {
+            p.mu[k] = -1;
+        }
+        memcpy(lu, p.m, sizeof lu);
+        for (int k = 0; k < p.n; k++) {
+            x[k] = -p.q[k];
+        }
+        assert_int_equal(pal_dense_lu(p.n, lu, p.n, pivot), 0);
+        pal_dense_lu_solve(p.n, lu, p.n, pivot, 1, x, p.n);
+        pal_friction_result r = solve(&p, PALPATE_FRICTION_ITERATIONS, kind, f, w);
+        assert_int_equal(r.state, PALPATE_FRICTION_SOLVED);
+        assert_int_equal(r.iterations, 1);
+        assert_true(distance(p.n, f, x) < 1e-11); // condition 100
+        for (int k = 1; k < p.points; k++) {
+            p.mu[k] = 0.4;
+        }
+        r = solve(&p, PALPATE_FRICTION_ITERATIONS, kind, f, w);
+        assert_int_equal(r.state, PALPATE_FRICTION_SOLVED);
+        assert_true(natural(&p, f) < 1e-6);
+        assert_int_equal(kind[0], PALPATE_POINT_STICK);
     }
 }
 
@@ -740,7 +815,7 @@ static void small_cases(void **state) {
     assert_int_equal(pal_friction_solve(&empty, 10, kind, f, w, work).state, PALPATE_FRICTION_SOLVED);
     // a block on a table: pressed 2, dragged by 1 through unit springs; mu decides
     double m[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, q[3] = {-2, 0.6, 0.8}, mu = 0.4;
-    pal_friction block = {1, m, 3, 1, q, &mu};
+    pal_friction block = {1, 3, m, 3, 1, q, &mu};
     assert_true(pal_friction_bytes(1) <= sizeof work);
     assert_int_equal(pal_friction_solve(&block, 10, kind, f, w, work).state, PALPATE_FRICTION_SOLVED);
     assert_int_equal(kind[0], PALPATE_POINT_SLIP);
@@ -769,6 +844,7 @@ int main(void) {
         cmocka_unit_test(thousands_of_random_problems),
         cmocka_unit_test(contacts_rolled_over_ticks),
         cmocka_unit_test(without_friction_is_the_lcp),
+        cmocka_unit_test(held_points_are_bonded),
         cmocka_unit_test(starts_warm_and_repeats),
         cmocka_unit_test(early_stop_is_usable_and_flagged),
     };
