@@ -392,7 +392,8 @@ uint32_t pal_engine_force(pal_engine *engine, const pal_tool_state in[], pal_too
     pal_contact_result *result = &engine->result;
     int touched = 0, finite = 1;
     for (int32_t k = 0; k < result->dof_count; k++) {
-        engine->force32[k] = (float)(result->force[k] * engine->model->row_scale);
+        engine->force32[k] =
+            (float)(result->force[k] * pal_model_unit(engine->model, result->dof[k]));
         finite &= isfinite(engine->force32[k]) != 0;
     }
     for (int32_t t = 0; t < engine->def.tool_count; t++) {

@@ -28,7 +28,7 @@ struct pal_engine {
     pal_watchdog watchdog[PALPATE_TOOLS_MAX];
     pal_output output[PALPATE_TOOLS_MAX];
     pal_tool_force force[PALPATE_TOOLS_MAX]; ///< given out, force and torque in the body frame
-    float *force32;     ///< result.force x row_scale, rounded; shape [3 column_count]
+    float *force32;     ///< result.force x pal_model_unit, rounded; shape [3 column_count]
     pal_stages *stages; ///< NULL; a bench's stage clock
     int64_t rows;       ///< rows the kernel computes: 3 row_count rounded up to a 64-byte line
     pal_reader *reader; ///< shape [def.reader_count]

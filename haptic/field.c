@@ -52,6 +52,8 @@ static void sweep_scalar(const pal_field_job *job) {
             int64_t at = (int64_t)job->dof[k] * job->ld + i;
             float c = job->precision == PALPATE_PRECISION_SINGLE
                           ? ((const float *)job->block)[at]
+                      : job->precision == PALPATE_PRECISION_SCALED
+                          ? (float)((const int16_t *)job->block)[at]
                           : half_to_float(((const uint16_t *)job->block)[at]);
             a += job->f32[k] * c;
         }
@@ -65,11 +67,14 @@ static void sweep_scalar(const pal_field_job *job) {
 #define SWEEP_HALF(p, v)                                                                           \
     ((v) = (sweep_portable_floats){half_to_float((p)[0]), half_to_float((p)[1]),                   \
                                    half_to_float((p)[2]), half_to_float((p)[3])})
+#define SWEEP_INTEGER(p, v)                                                                        \
+    ((v) = (sweep_portable_floats){(float)(p)[0], (float)(p)[1], (float)(p)[2], (float)(p)[3]})
 #include "haptic/field_sweep.h"
 #undef SWEEP
 #undef SWEEP_TARGET
 #undef SWEEP_WIDTH
 #undef SWEEP_HALF
+#undef SWEEP_INTEGER
 
 #if defined(__x86_64__)
 #define SWEEP(name) sweep_avx2_##name
@@ -77,11 +82,15 @@ static void sweep_scalar(const pal_field_job *job) {
 #define SWEEP_WIDTH 32
 #define SWEEP_HALF(p, v)                                                                           \
     ((v) = (sweep_avx2_floats)_mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)(const void *)(p))))
+#define SWEEP_INTEGER(p, v)                                                                        \
+    ((v) = (sweep_avx2_floats)_mm256_cvtepi32_ps(                                                  \
+         _mm256_cvtepi16_epi32(_mm_loadu_si128((const __m128i *)(const void *)(p)))))
 #include "haptic/field_sweep.h"
 #undef SWEEP
 #undef SWEEP_TARGET
 #undef SWEEP_WIDTH
 #undef SWEEP_HALF
+#undef SWEEP_INTEGER
 
 #define SWEEP(name) sweep_avx512_##name
 #define SWEEP_TARGET __attribute__((target("avx512f")))
@@ -89,11 +98,15 @@ static void sweep_scalar(const pal_field_job *job) {
 #define SWEEP_HALF(p, v)                                                                           \
     ((v) = (sweep_avx512_floats)_mm512_cvtph_ps(                                                   \
          _mm256_loadu_si256((const __m256i *)(const void *)(p))))
+#define SWEEP_INTEGER(p, v)                                                                        \
+    ((v) = (sweep_avx512_floats)_mm512_cvtepi32_ps(                                                \
+         _mm512_cvtepi16_epi32(_mm256_loadu_si256((const __m256i *)(const void *)(p)))))
 #include "haptic/field_sweep.h"
 #undef SWEEP
 #undef SWEEP_TARGET
 #undef SWEEP_WIDTH
 #undef SWEEP_HALF
+#undef SWEEP_INTEGER
 #endif
 
 #if defined(__x86_64__)

@@ -6,8 +6,8 @@
 /// Every variant (scalar twin, portable, AVX2, AVX-512) computes, for each row i on its own,
 ///     a = 0;  a = a + f[0] c0[i];  a = a + f[1] c1[i];  ...
 /// with one rounding per product and one per sum (no fused multiply-add anywhere: the sweep waits
-/// for memory, not for arithmetic). Hence all variants agree bit for bit. Single and half storage
-/// are summed in single precision, double storage in double precision and rounded once at the end.
+/// for memory, not for arithmetic). Hence all variants agree bit for bit. Single, half and scaled
+/// storage (16-bit integers, exact in single precision) are summed in single precision, double storage in double precision and rounded once at the end.
 #ifndef PALPATE_HAPTIC_FIELD_H
 #define PALPATE_HAPTIC_FIELD_H
 
@@ -27,11 +27,11 @@ typedef struct pal_field_job {
     pal_precision precision;
     const void *block; ///< 64-byte aligned; columns of ld elements
     int64_t ld;        ///< elements between columns, a multiple of 64 bytes
-    int64_t rows;      ///< rows to compute, a multiple of 8 (double), 16 (single), 32 (half); <= ld
+    int64_t rows;      ///< rows to compute, a multiple of 8 (double), 16 (single), 32 (half, scaled); <= ld
     int32_t count;     ///< columns to sum; 0 gives zero
     const int32_t *dof; ///< column indices, shape [count]
     const double *f;    ///< nodal forces [N], shape [count]
-    const float *f32;   ///< the same rounded to single precision, shape [count]
+    const float *f32;   ///< the same times the columns' units, rounded to single precision, shape [count]
     float *out;         ///< displacement [m], shape [rows], 64-byte aligned
 } pal_field_job;
 

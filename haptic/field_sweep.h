@@ -5,6 +5,7 @@
 ///   SWEEP_TARGET    function attributes (target instruction set)
 ///   SWEEP_WIDTH     bytes of the wide type (16, 32, 64)
 ///   SWEEP_HALF(p, v) load SWEEP_WIDTH / 4 halves at p into the float vector v
+///   SWEEP_INTEGER(p, v) the same for 16-bit integers
 ///
 /// Blocking: a panel of SWEEP_ROWS rows of the result stays in cache while the columns are swept over
 /// it, SWEEP_GROUP columns per pass, so that the panel is read and written once per SWEEP_GROUP
@@ -72,6 +73,7 @@ typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8
 // element, accumulator and vector types, loader, and which rounding of the force is used
 #define SWEEP_SINGLE float, float, SWEEP(floats), SWEEP_LOAD_FLOAT, f32
 #define SWEEP_HALVES uint16_t, float, SWEEP(floats), SWEEP_HALF, f32
+#define SWEEP_SCALED int16_t, float, SWEEP(floats), SWEEP_INTEGER, f32
 #define SWEEP_DOUBLE double, double, SWEEP(doubles), SWEEP_LOAD_DOUBLE, f
 #define SWEEP_EXPAND(NAME, GROUP, TYPES) SWEEP_PASS_(NAME, GROUP, TYPES)
 #define SWEEP_PASS_(NAME, GROUP, ...) SWEEP_PASS(NAME, GROUP, __VA_ARGS__)
@@ -88,6 +90,12 @@ SWEEP_EXPAND(half_three, 3, SWEEP_HALVES)
 SWEEP_EXPAND(half_one, 1, SWEEP_HALVES)
 SWEEP_PANEL(panel_half, half, float)
 
+SWEEP_EXPAND(scaled_many, SWEEP_GROUP, SWEEP_SCALED)
+SWEEP_EXPAND(scaled_six, 6, SWEEP_SCALED)
+SWEEP_EXPAND(scaled_three, 3, SWEEP_SCALED)
+SWEEP_EXPAND(scaled_one, 1, SWEEP_SCALED)
+SWEEP_PANEL(panel_scaled, scaled, float)
+
 SWEEP_EXPAND(double_many, SWEEP_GROUP, SWEEP_DOUBLE)
 SWEEP_EXPAND(double_six, 6, SWEEP_DOUBLE)
 SWEEP_EXPAND(double_three, 3, SWEEP_DOUBLE)
@@ -103,6 +111,8 @@ static void SWEEP(all)(const pal_field_job *job) {
             SWEEP(panel_single)(job, row, rows, out);
         } else if (job->precision == PALPATE_PRECISION_HALF) {
             SWEEP(panel_half)(job, row, rows, out);
+        } else if (job->precision == PALPATE_PRECISION_SCALED) {
+            SWEEP(panel_scaled)(job, row, rows, out);
         } else {
             double acc[SWEEP_ROWS_DOUBLE] = {0.0};
             SWEEP(panel_double)(job, row, rows, acc);
@@ -122,4 +132,5 @@ static void SWEEP(all)(const pal_field_job *job) {
 #undef SWEEP_PANEL
 #undef SWEEP_SINGLE
 #undef SWEEP_HALVES
+#undef SWEEP_SCALED
 #undef SWEEP_DOUBLE

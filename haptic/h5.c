@@ -75,6 +75,7 @@ size_t pal_h5_type_size(pal_h5_type type) {
     switch (type) {
     case PALPATE_H5_U8:
         return 1;
+    case PALPATE_H5_I16:
     case PALPATE_H5_F16:
         return 2;
     case PALPATE_H5_I32:
@@ -93,6 +94,8 @@ static hid_t type_id(const pal_h5 *file, pal_h5_type type) {
     switch (type) {
     case PALPATE_H5_U8:
         return H5T_STD_U8LE;
+    case PALPATE_H5_I16:
+        return H5T_STD_I16LE;
     case PALPATE_H5_I32:
         return H5T_STD_I32LE;
     case PALPATE_H5_U32:

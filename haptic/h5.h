@@ -25,6 +25,7 @@ typedef struct pal_h5 pal_h5;
 
 typedef enum pal_h5_type {
     PALPATE_H5_U8,
+    PALPATE_H5_I16,
     PALPATE_H5_I32,
     PALPATE_H5_U32,
     PALPATE_H5_I64,

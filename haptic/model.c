@@ -42,6 +42,7 @@ void pal_model_free(pal_model *model) {
     free(model->row_node);
     free(model->c_tt);
     free(model->c_st);
+    free(model->column_scale);
     free(model->probe_row);
     free(model->patch);
     free(model->probe);
@@ -204,6 +205,7 @@ size_t pal_precision_size(pal_precision precision) {
     case PALPATE_PRECISION_SINGLE:
         return 4;
     case PALPATE_PRECISION_HALF:
+    case PALPATE_PRECISION_SCALED:
         return 2;
     }
     return 0;
@@ -225,6 +227,14 @@ pal_status pal_precision_store(pal_precision precision, const double *in, int64_
         for (int64_t i = 0; i < count; i++) {
             half[i] = pal_half_from_double(in[i]);
             overflow |= (half[i] & 0x7FFFu) == 0x7C00u && !isinf(in[i]);
+        }
+    } else if (precision == PALPATE_PRECISION_SCALED) {
+        int16_t *integer = out;
+        for (int64_t i = 0; i < count; i++) {
+            double x = nearbyint(in[i]);
+            int fits = fabs(x) <= PALPATE_SCALED_MAX; // false for NaN
+            integer[i] = (int16_t)(fits ? x : 0);
+            overflow |= !fits;
         }
     } else {
         return PALPATE_ERROR_ARGUMENT;
@@ -251,6 +261,11 @@ void pal_precision_load(pal_precision precision, const void *in, int64_t count, 
         for (; i < count; i++) {
             out[i] = (double)pal_half_to_float(half[i]);
         }
+    } else if (precision == PALPATE_PRECISION_SCALED) {
+        const int16_t *integer = in;
+        for (int64_t i = 0; i < count; i++) {
+            out[i] = (double)integer[i];
+        }
     }
 }
 
@@ -266,7 +281,9 @@ pal_status pal_model_alloc_rows(pal_model *model, pal_error *error) {
                         (int)info->row_count, (int)info->column_count, (int)info->precision);
     }
     free(model->c_st);
+    free(model->column_scale);
     model->c_st = NULL;
+    model->column_scale = NULL;
     model->row_ld = 0;
     model->row_scale = 1;
     if (info->row_count == 0 || info->column_count == 0) {
@@ -297,6 +314,17 @@ pal_status pal_model_alloc_rows(pal_model *model, pal_error *error) {
     if (alignment == HUGE_PAGE) {
         (void)madvise(rows, bytes, MADV_HUGEPAGE); // a wish: works without
     }
+    if (info->precision == PALPATE_PRECISION_SCALED) {
+        size_t columns = 3 * (size_t)info->column_count;
+        model->column_scale = malloc(columns * sizeof *model->column_scale);
+        if (model->column_scale == NULL) {
+            free(rows);
+            return pal_fail(error, PALPATE_ERROR_MEMORY, "model: no memory for %zu scales", columns);
+        }
+        for (size_t i = 0; i < columns; i++) {
+            model->column_scale[i] = 1;
+        }
+    }
     memset(rows, 0, bytes);
     model->c_st = rows;
     model->row_ld = (int64_t)(column / element);
@@ -322,7 +350,15 @@ pal_status pal_model_store_column(pal_model *model, int64_t dof, const double *c
     if (dof < 0 || dof >= 3 * (int64_t)model->info.column_count || model->c_st == NULL) {
         return PALPATE_ERROR_ARGUMENT;
     }
-    double inverse = 1 / model->row_scale, scaled[256];
+    if (model->column_scale != NULL) {
+        double largest = 0;
+        for (int64_t i = 0; i < rows; i++) {
+            largest = fmax(largest, fabs(column[i]));
+        }
+        double scale = largest / PALPATE_SCALED_MAX;
+        model->column_scale[dof] = isnormal(scale) ? scale : 1;
+    }
+    double inverse = 1 / pal_model_unit(model, dof), scaled[256];
     for (int64_t at = 0; at < rows; at += 256) {
         int64_t n = rows - at < 256 ? rows - at : 256;
         for (int64_t i = 0; i < n; i++) {
@@ -344,8 +380,9 @@ pal_status pal_model_load_column(const pal_model *model, int64_t dof, double *co
         return PALPATE_ERROR_ARGUMENT;
     }
     pal_precision_load(model->info.precision, column_start(model, dof), rows, column);
+    double unit = pal_model_unit(model, dof);
     for (int64_t i = 0; i < rows; i++) {
-        column[i] *= model->row_scale;
+        column[i] *= unit;
     }
     return PALPATE_OK;
 }

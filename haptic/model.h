@@ -43,12 +43,15 @@ struct pal_model {
     double *c_tt;
     /// Stored rows C_ST (3s x 3t) [m/N] in `precision`, column-major; the column of dof j starts at
     /// element j * row_ld; row_ld >= 3s is a multiple of 64 bytes; base 64-byte aligned; padding 0.
-    /// element times row_scale is the compliance in m/N.
+    /// element times row_scale (and, scaled, times column_scale[dof]) is the compliance in m/N.
     void *c_st;
     int64_t row_ld;
-    /// A power of two; 1 for double and single. Half has 5 exponent bits: without a scale, stiff
+    /// A power of two; 1 for all but half. Half has 5 exponent bits: without a scale, stiff
     /// bodies (small compliances) would fall below its smallest normal number, 6e-5.
     double row_scale;
+    /// Scaled precision: column dof's integers times column_scale[dof] are in m/N, shape
+    /// [3 column_count], each finite and positive; NULL in the other precisions.
+    double *column_scale;
     /// Probe rows (3 probe_count x 3t) [m/N], column-major, ld = 3 probe_count.
     double *probe_row;
 
@@ -71,18 +74,24 @@ PALPATE_API pal_model *pal_model_new(void);
 /// Bytes of one element of c_st.
 PALPATE_API size_t pal_precision_size(pal_precision precision);
 
-/// Allocate c_st for info.row_count, info.column_count, info.precision; set row_ld, row_scale = 1
-/// (zeroed; NULL and row_ld 0 when there are no rows). Frees an older c_st.
+/// Allocate c_st (and column_scale, ones) for info.row_count, info.column_count, info.precision; set
+/// row_ld, row_scale = 1 (zeroed; NULL and row_ld 0 when there are no rows). Frees an older c_st.
 /// @return PALPATE_OK; _ARGUMENT (counts or precision), _MEMORY
 PALPATE_API pal_status pal_model_alloc_rows(pal_model *model, pal_error *error);
 
-/// Choose row_scale for entries of magnitude up to `largest` [m/N]: 1 for double and single; for half
+/// Choose row_scale for entries of magnitude up to `largest` [m/N]: 1 for all but half; for half
 /// the power of two that brings `largest` between 2^13 and 2^14 (2 bits below overflow).
 PALPATE_API void pal_model_scale_rows(pal_model *model, double largest);
 
 /// Store column `dof` (0 .. 3 column_count - 1) of C_ST. @param[in] column [m/N], shape [3 row_count]
 /// @return PALPATE_OK; _ARGUMENT when a value does not fit the precision or the dof does not exist
 PALPATE_API pal_status pal_model_store_column(pal_model *model, int64_t dof, const double *column);
+
+/// Metres per newton of the stored number 1 in column `dof`: row_scale, times the column's own.
+static inline double pal_model_unit(const pal_model *model, int64_t dof) {
+    return model->column_scale != NULL ? model->row_scale * model->column_scale[dof]
+                                       : model->row_scale;
+}
 
 /// Read column `dof` of C_ST back. @param[out] column [m/N], shape [3 row_count]
 PALPATE_API pal_status pal_model_load_column(const pal_model *model, int64_t dof, double *column);
@@ -92,14 +101,18 @@ PALPATE_API pal_status pal_model_load_column(const pal_model *model, int64_t dof
 PALPATE_API uint16_t pal_half_from_double(double x);
 PALPATE_API float pal_half_to_float(uint16_t half);
 
+enum { PALPATE_SCALED_MAX = 32767 };
+
 /// Convert `count` doubles into the storage precision (round to nearest even; half: saturating to
-/// the largest finite value is NOT done, overflow is PALPATE_ERROR_ARGUMENT).
+/// the largest finite value is NOT done, overflow is PALPATE_ERROR_ARGUMENT; so for scaled, whose
+/// numbers are the integers of magnitude up to PALPATE_SCALED_MAX).
 PALPATE_API pal_status pal_precision_store(pal_precision precision, const double *in, int64_t count,
                                            void *out);
 PALPATE_API void pal_precision_load(pal_precision precision, const void *in, int64_t count, double *out);
 
-/// Version of the model file's content; a file with a higher one is refused.
-enum { PALPATE_MODEL_VERSION = 1 };
+/// Version of the model file's content; a file with a higher one is refused. A model is written with the
+/// lowest version that can hold it: 1; 2 for rows in scaled precision.
+enum { PALPATE_MODEL_VERSION = 2 };
 
 /// The model as a sealed file image (file_header.h), to be freed by the caller.
 PALPATE_API pal_status pal_model_image(const pal_model *model, void **image, size_t *size, pal_error *error);

@@ -82,7 +82,7 @@ static pal_status check_info(const pal_model_info *info, pal_error *error) {
     TRY(check_count("probe_count", info->probe_count, 0, PALPATE_COUNT_MAX, error));
     TRY(check_count("skin_count", info->skin_count, 0, PALPATE_COUNT_MAX, error));
     TRY(check_count("precision", (int64_t)info->precision, PALPATE_PRECISION_DOUBLE,
-                    PALPATE_PRECISION_HALF, error));
+                    PALPATE_PRECISION_SCALED, error));
 #define NAMED(member)                                                                              \
     { #member, info->member }
     const struct {
@@ -288,6 +288,15 @@ static pal_status check_columns_and_rows(const pal_model *model, pal_error *erro
     if (!(model->row_scale > 0) || !isfinite(model->row_scale) ||
         frexp(model->row_scale, &exponent) != 0.5) {
         return BAD("row_scale is %g, must be a power of two", model->row_scale);
+    }
+    if ((model->column_scale != NULL) != (info->precision == PALPATE_PRECISION_SCALED)) {
+        return BAD("column_scale must be there in scaled precision and in no other");
+    }
+    for (int64_t j = 0; model->column_scale != NULL && j < n; j++) {
+        if (!(model->column_scale[j] > 0) || !isfinite(model->column_scale[j])) {
+            return BAD("column_scale[%" PRId64 "] is %g, must be positive", j,
+                       model->column_scale[j]);
+        }
     }
     const char *column = model->c_st;
     for (int64_t j = 0; j < n; j++, column += (size_t)model->row_ld * element) {

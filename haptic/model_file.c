@@ -57,7 +57,7 @@ static const field model_fields[] = {
     {"/info/probe_count", AT(info.probe_count), I32, 1, "1", "probes"},
     {"/info/skin_count", AT(info.skin_count), I32, 1, "1", "vertices of the render mesh"},
     {"/info/precision", AT(info.precision), I32, 1, "1",
-     "of the stored rows: 0 double, 1 single, 2 half"},
+     "of the stored rows: 0 double, 1 single, 2 half, 3 scaled 16-bit"},
     {"/info/bytes", AT(info.bytes), U64, 1, "byte", "compliance blocks in memory"},
     {"/info/peak_bytes", AT(info.peak_bytes), U64, 1, "byte", "peak memory of the offline stage"},
     {"/info/spacing_min", AT(info.spacing_min), F64, 1, "m", "smallest node spacing"},
@@ -284,7 +284,7 @@ static pal_status check_counts(const transfer *t, const pal_model *model) {
                         (int)model->runtime.tool_count, PALPATE_TOOLS_MAX);
     }
     if (pal_precision_size(i->precision) == 0) {
-        return pal_fail(t->error, PALPATE_ERROR_FORMAT, "/info/precision is %d, must be 0 to 2",
+        return pal_fail(t->error, PALPATE_ERROR_FORMAT, "/info/precision is %d, must be 0 to 3",
                         (int)i->precision);
     }
     return PALPATE_OK;
@@ -308,11 +308,12 @@ static pal_status transfer_nodes(const transfer *t, pal_model *model) {
 static pal_h5_type row_type(pal_precision precision) {
     return precision == PALPATE_PRECISION_DOUBLE   ? PALPATE_H5_F64
            : precision == PALPATE_PRECISION_SINGLE ? PALPATE_H5_F32
+           : precision == PALPATE_PRECISION_SCALED ? PALPATE_H5_I16
                                                    : PALPATE_H5_F16;
 }
 
 static pal_status transfer_rows(const transfer *t, pal_model *model) {
-    static const char path[] = "/compliance/c_st";
+    static const char path[] = "/compliance/c_st", scales[] = "/compliance/column_scale";
     const pal_model_info *i = &model->info;
     int64_t dims[2] = {3 * (int64_t)i->column_count, 3 * (int64_t)i->row_count};
     pal_h5_type type = row_type(i->precision);
@@ -327,6 +328,9 @@ static pal_status transfer_rows(const transfer *t, pal_model *model) {
         }
         TRY(pal_model_alloc_rows(model, t->error));
         model->row_scale = scale;
+        if (model->column_scale != NULL) {
+            TRY(pal_h5_read(t->file, scales, PALPATE_H5_F64, 1, dims, model->column_scale, t->error));
+        }
         return pal_h5_read_rows(t->file, path, type, 2, dims, 0, dims[0], model->row_ld,
                                 model->c_st, t->error);
     }
@@ -337,6 +341,10 @@ static pal_status transfer_rows(const transfer *t, pal_model *model) {
         t->error));
     if (dims[0] == 0 || dims[1] == 0) {
         return PALPATE_OK;
+    }
+    if (model->column_scale != NULL) {
+        TRY(pal_h5_write(t->file, scales, PALPATE_H5_F64, 1, dims, model->column_scale, "1",
+                         "column j of c_st times row_scale times this is in m/N", t->error));
     }
     return pal_h5_write_rows(t->file, path, type, 0, dims[0], model->row_ld, model->c_st, t->error);
 }
@@ -502,6 +510,11 @@ static size_t expected_size(const pal_model *model) {
            n * 24 * (size_t)i->probe_count;
 }
 
+/// The lowest version whose readers know everything in this model.
+static uint32_t needed_version(const pal_model *model) {
+    return model->info.precision == PALPATE_PRECISION_SCALED ? 2 : 1;
+}
+
 pal_status pal_model_image(const pal_model *model, void **image, size_t *size, pal_error *error) {
     *image = NULL;
     *size = 0;
@@ -525,7 +538,7 @@ pal_status pal_model_image(const pal_model *model, void **image, size_t *size, p
         return status;
     }
     TRY(pal_h5_take_image(file, image, size, error));
-    return pal_file_seal(PALPATE_FILE_MODEL, PALPATE_MODEL_VERSION, *image, *size);
+    return pal_file_seal(PALPATE_FILE_MODEL, needed_version(model), *image, *size);
 }
 
 pal_status pal_model_save_mode(const pal_model *model, const char *path, unsigned mode,

@@ -158,7 +158,7 @@ pal_status pal_model_press(const pal_model *model, const char *patch_name, const
             }
             if (rows > 0) {
                 add_column(model, (const char *)model->c_st + dof * (size_t)model->row_ld * element,
-                           f[c] * model->row_scale, (int64_t)(3 * rows), press.displacement);
+                           f[c] * pal_model_unit(model, (int64_t)dof), (int64_t)(3 * rows), press.displacement);
             }
         }
     }

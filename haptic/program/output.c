@@ -76,7 +76,7 @@ json_t *json_certificate(const pal_certificate *c) {
 }
 
 json_t *json_info(const pal_model *model) {
-    static const char *const precision[] = {"double", "single", "half"};
+    static const char *const precision[] = {"double", "single", "half", "scaled"};
     pal_model_info i;
     pal_model_get_info(model, &i);
     json_t *o = json_object();
@@ -162,7 +162,7 @@ void print_certificate(const pal_certificate *c) {
 }
 
 void print_info(const pal_model *model) {
-    static const char *const precision[] = {"double", "single", "half"};
+    static const char *const precision[] = {"double", "single", "half", "scaled"};
     pal_model_info i;
     pal_model_get_info(model, &i);
     (void)printf("nodes          %d (%d surface, %d interior), %d fixed, %d touchable, %d stored\n",

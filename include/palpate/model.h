@@ -20,7 +20,8 @@ typedef struct pal_model pal_model;
 typedef enum pal_precision {
     PALPATE_PRECISION_DOUBLE = 0,
     PALPATE_PRECISION_SINGLE = 1,
-    PALPATE_PRECISION_HALF = 2
+    PALPATE_PRECISION_HALF = 2,
+    PALPATE_PRECISION_SCALED = 3 ///< 16-bit integers with a scale per column: a tenth of half's error
 } pal_precision;
 
 /// The model's certificate (design section 5). Ratios are dimensionless.

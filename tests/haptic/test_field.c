@@ -44,6 +44,7 @@ static size_t element(pal_precision p) {
 static double block_value(const fixture *x, pal_precision p, int64_t at) {
     return p == PALPATE_PRECISION_DOUBLE   ? ((double *)x->block)[at]
            : p == PALPATE_PRECISION_SINGLE ? (double)((float *)x->block)[at]
+           : p == PALPATE_PRECISION_SCALED ? (double)((int16_t *)x->block)[at]
                                            : half_value(((uint16_t *)x->block)[at]);
 }
 
@@ -55,6 +56,8 @@ static void make(fixture *x, pal_precision p) {
             ((double *)x->block)[i] = uniform();
         } else if (p == PALPATE_PRECISION_SINGLE) {
             ((float *)x->block)[i] = (float)uniform();
+        } else if (p == PALPATE_PRECISION_SCALED) {
+            ((int16_t *)x->block)[i] = (int16_t)random_bits();
         } else { // every finite pattern: subnormals and both zeros included
             uint16_t h;
             do {
@@ -126,6 +129,10 @@ static void variants_agree_half(void **state) {
     (void)state;
     variants_agree_bit_for_bit(PALPATE_PRECISION_HALF);
 }
+static void variants_agree_scaled(void **state) {
+    (void)state;
+    variants_agree_bit_for_bit(PALPATE_PRECISION_SCALED);
+}
 static void variants_agree_double(void **state) {
     (void)state;
     variants_agree_bit_for_bit(PALPATE_PRECISION_DOUBLE);
@@ -133,7 +140,7 @@ static void variants_agree_double(void **state) {
 
 static void sum_is_within_the_rounding_bound(void **state) {
     (void)state;
-    for (int p = 0; p < 3; p++) {
+    for (int p = 0; p < 4; p++) {
         fixture x;
         make(&x, (pal_precision)p);
         pal_field_job job = job_of(&x, (pal_precision)p, 512, 96);
@@ -182,7 +189,8 @@ static void best_is_available_and_named(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(variants_agree_single), cmocka_unit_test(variants_agree_half),
-        cmocka_unit_test(variants_agree_double), cmocka_unit_test(sum_is_within_the_rounding_bound),
+        cmocka_unit_test(variants_agree_double), cmocka_unit_test(variants_agree_scaled),
+        cmocka_unit_test(sum_is_within_the_rounding_bound),
         cmocka_unit_test(no_force_gives_zero),   cmocka_unit_test(best_is_available_and_named),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

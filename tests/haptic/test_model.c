@@ -264,6 +264,55 @@ static void half_rows_are_scaled_to_the_body(void **state) {
     }
 }
 
+/// Scaled rows are within half a step, 2^-16 of the column's largest entry, whatever the body's
+/// stiffness; a column of zeros, of one number, of subnormals, of numbers that are none.
+static void scaled_rows_are_within_half_a_step(void **state) {
+    (void)state;
+    static const double young[] = {1e-3, 1e3, 1e12};
+    for (int k = 0; k < 3; k++) {
+        synthetic_params p = synthetic_default_params();
+        p.young = young[k];
+        p.precision = PALPATE_PRECISION_DOUBLE;
+        pal_model *exact = build(p);
+        p.precision = PALPATE_PRECISION_SCALED;
+        pal_model *model = build(p);
+        int n = 3 * model->info.column_count, rows = 3 * model->info.row_count;
+        double *a = malloc(sizeof *a * (size_t)rows), *b = malloc(sizeof *b * (size_t)rows);
+        for (int dof = 0; dof < n; dof++) {
+            double largest = 0;
+            assert_int_equal(pal_model_load_column(exact, dof, a), PALPATE_OK);
+            assert_int_equal(pal_model_load_column(model, dof, b), PALPATE_OK);
+            for (int r = 0; r < rows; r++) {
+                largest = fmax(largest, fabs(a[r]));
+            }
+            for (int r = 0; r < rows; r++) {
+                // 1e-12: the division by the scale and the product with it are rounded
+                assert_true(fabs(a[r] - b[r]) <= 0.5 * (1 + 1e-10) * largest / PALPATE_SCALED_MAX);
+            }
+        }
+        memset(a, 0, sizeof *a * (size_t)rows);
+        static const double lone[] = {0, -3e-5, 1e-320, 1e300};
+        for (int i = 0; i < 4; i++) {
+            a[2] = lone[i];
+            assert_int_equal(pal_model_store_column(model, 1, a), PALPATE_OK);
+            assert_int_equal(pal_model_load_column(model, 1, b), PALPATE_OK);
+            assert_int_equal(pal_model_check(model, NULL), PALPATE_OK);
+            double want = fabs(lone[i]) < 1e-300 ? 0 : lone[i]; // below the normal range: 0
+            for (int r = 0; r < rows; r++) {
+                assert_true(fabs(b[r] - (r == 2 ? want : 0)) <= 1e-15 * fabs(want));
+            }
+        }
+        a[2] = NAN;
+        assert_int_equal(pal_model_store_column(model, 1, a), PALPATE_ERROR_ARGUMENT);
+        a[2] = INFINITY;
+        assert_int_equal(pal_model_store_column(model, 1, a), PALPATE_ERROR_ARGUMENT);
+        free(a);
+        free(b);
+        pal_model_free(exact);
+        pal_model_free(model);
+    }
+}
+
 // ---- check --------------------------------------------------------------------------------------
 
 #define REFUSED(change, undo)                                                                      \
@@ -304,7 +353,7 @@ static void check_finds_every_kind_of_damage(void **state) {
     REFUSED_VALUE(m->info.patch_count, -1);
     REFUSED_VALUE(m->info.probe_count, -1);
     REFUSED_VALUE(m->info.skin_count, -1);
-    REFUSED_VALUE(m->info.precision, (pal_precision)3);
+    REFUSED_VALUE(m->info.precision, (pal_precision)4);
     REFUSED_VALUE(m->info.young, NAN);
     REFUSED_VALUE(m->info.bounds_max[2], INFINITY);
     REFUSED_VALUE(m->info.seconds.factor, NAN);
@@ -368,6 +417,16 @@ static void check_finds_every_kind_of_damage(void **state) {
     REFUSED_VALUE(m->patch, NULL);
     REFUSED_VALUE(m->skin_row, NULL);
     pal_model_free(m);
+
+    p.precision = PALPATE_PRECISION_SCALED;
+    m = build(p);
+    REFUSED_VALUE(m->column_scale, NULL);
+    REFUSED_VALUE(m->column_scale[5], 0.0);
+    REFUSED_VALUE(m->column_scale[5], -1.0);
+    REFUSED_VALUE(m->column_scale[5], NAN);
+    REFUSED_VALUE(((int16_t *)m->c_st)[m->row_ld - 1], 1); // padding
+    REFUSED_VALUE(m->info.precision, PALPATE_PRECISION_HALF); // as many bytes, but no scales
+    pal_model_free(m);
 }
 
 static void accessors_answer_and_survive_nonsense(void **state) {
@@ -425,6 +484,7 @@ int main(void) {
         cmocka_unit_test(vector_conversion_agrees_with_software),
         cmocka_unit_test(precisions_store_and_refuse_overflow),
         cmocka_unit_test(half_rows_are_scaled_to_the_body),
+        cmocka_unit_test(scaled_rows_are_within_half_a_step),
         cmocka_unit_test(check_finds_every_kind_of_damage),
         cmocka_unit_test(accessors_answer_and_survive_nonsense),
     };

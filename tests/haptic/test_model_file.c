@@ -233,6 +233,10 @@ static void assert_same_models(const pal_model *a, const pal_model *b) {
     SAME(probe_row, 9 * i->column_count * i->probe_count);
     assert_int_equal(a->row_ld, b->row_ld);
     assert_true(a->row_scale == b->row_scale);
+    assert_int_equal(a->column_scale == NULL, b->column_scale == NULL);
+    if (a->column_scale != NULL) {
+        SAME(column_scale, 3 * i->column_count);
+    }
     if (i->row_count > 0) {
         assert_memory_equal(a->c_st, b->c_st,
                             (size_t)a->row_ld * 3 * (size_t)i->column_count *
@@ -261,7 +265,7 @@ static void assert_same_models(const pal_model *a, const pal_model *b) {
 
 static void round_trips_keep_every_bit(void **state) {
     (void)state;
-    for (int precision = 0; precision < 3; precision++) {
+    for (int precision = 0; precision < 4; precision++) {
         for (int variant = 0; variant < 4; variant++) {
             pal_model *a = build(precision, variant == 1, variant == 2 ? 0.1 : 0,
                                  variant == 3 ? SYNTHETIC_ROWS_NONE : SYNTHETIC_ROWS_ALL),
@@ -281,6 +285,10 @@ static void round_trips_keep_every_bit(void **state) {
             assert_int_equal(pal_model_image(b, &second, &m, &error), PALPATE_OK);
             assert_int_equal(n, m);
             assert_memory_equal(first, second, n);
+            // the lowest version that can hold it, so that older programs read what they know
+            uint32_t version;
+            memcpy(&version, (char *)first + 16, sizeof version);
+            assert_int_equal(version, precision == PALPATE_PRECISION_SCALED ? 2 : 1);
             free(first), free(second);
             pal_model_free(a), pal_model_free(b);
         }
@@ -676,6 +684,20 @@ static void cut_scale(hid_t f) {
     double x = 3;
     set_number(f, "/compliance/row_scale", H5T_NATIVE_DOUBLE, &x);
 }
+static void cut_column_scale(hid_t f) {
+    assert_true(H5Ldelete(f, "/compliance/column_scale", H5P_DEFAULT) >= 0);
+}
+static void cut_column_scale_short(hid_t f) {
+    hsize_t d[1] = {47};
+    replace(f, "/compliance/column_scale", H5T_IEEE_F64LE, 1, d, H5P_DEFAULT);
+}
+static void cut_column_scale_zero(hid_t f) {
+    double zero[48] = {0};
+    set_number(f, "/compliance/column_scale", H5T_NATIVE_DOUBLE, zero);
+}
+static void cut_precision_half(hid_t f) {
+    set_count(f, "/info/precision", PALPATE_PRECISION_HALF);
+}
 static void cut_symmetric(hid_t f) {
     double *c = malloc(48 * 48 * sizeof *c);
     assert_non_null(c);
@@ -742,6 +764,12 @@ static void damage_behind_the_gate_is_refused(void **state) {
     for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
         expect_refused(m, cases[k].cut, cases[k].message);
     }
+    pal_model_free(m);
+    m = build(PALPATE_PRECISION_SCALED, 0, 0, SYNTHETIC_ROWS_SURFACE);
+    expect_refused(m, cut_column_scale, "/compliance/column_scale is missing");
+    expect_refused(m, cut_column_scale_short, "/compliance/column_scale");
+    expect_refused(m, cut_column_scale_zero, "column_scale[0] is 0");
+    expect_refused(m, cut_precision_half, "/compliance/c_st has another number type");
     pal_model_free(m);
     // a sealed file whose HDF5 part is gone
     uint8_t *bytes = calloc(1, 4096);

@@ -104,7 +104,7 @@ static void check_against_lapack(pal_model *model, const char *name, int index) 
 
 static void forces_and_displacements_match_a_direct_solve(void **state) {
     (void)state;
-    for (int precision = 0; precision < 3; precision++) {
+    for (int precision = 0; precision < 4; precision++) {
         for (int skewed = 0; skewed < 2; skewed++) {
             synthetic_params p = synthetic_default_params();
             p.precision = (pal_precision)precision;
