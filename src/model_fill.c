@@ -45,26 +45,22 @@ static pal_status fill_geometry(const pal_cloud *cloud, const pal_node_sets *set
     }
     memcpy(m->triangle, cloud->triangle, 3 * t * sizeof *m->triangle);
     memcpy(m->node_flags, sets->flags, n);
-    double volume = 0.0, sum = 0.0;
-    info->spacing_min = INFINITY;
-    info->spacing_max = 0.0;
+    pal_cloud_report report;
+    pal_cloud_measure(cloud, &report);
+    info->spacing_min = report.spacing_min;
+    info->spacing_mean = report.spacing_mean;
+    info->spacing_max = report.spacing_max;
+    info->volume = report.volume;
     for (int d = 0; d < 3; d++) {
         info->bounds_min[d] = INFINITY;
         info->bounds_max[d] = -INFINITY;
     }
     for (size_t i = 0; i < n; i++) {
-        double h = length * cloud->spacing[i];
-        volume += cloud->volume[i];
-        sum += h;
-        info->spacing_min = fmin(info->spacing_min, h);
-        info->spacing_max = fmax(info->spacing_max, h);
         for (int d = 0; d < 3; d++) {
             info->bounds_min[d] = fmin(info->bounds_min[d], m->position[3 * i + (size_t)d]);
             info->bounds_max[d] = fmax(info->bounds_max[d], m->position[3 * i + (size_t)d]);
         }
     }
-    info->spacing_mean = sum / (double)n;
-    info->volume = volume * length * length * length;
     return PALPATE_OK;
 }
 

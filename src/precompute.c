@@ -4,6 +4,7 @@
 
 #include <cblas.h>
 #include <math.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -117,16 +118,36 @@ static pal_status build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const
 }
 
 /// OpenBLAS's threads wait by spinning: on a machine that does anything else they cost more than they
-/// bring, and their sums depend on the number of cores. Our own threads use the cores instead.
+/// bring, and their sums depend on the number of cores. Our own threads use the cores instead. The
+/// setting is the process's, so calls that overlap share it: the first saves it, the last restores it.
+static pthread_mutex_t blas_lock = PTHREAD_MUTEX_INITIALIZER;
+static int blas_users, blas_threads;
+
+static void enter_one_blas_thread(void) {
+    pthread_mutex_lock(&blas_lock);
+    if (blas_users++ == 0) {
+        blas_threads = openblas_get_num_threads();
+        openblas_set_num_threads(1);
+    }
+    pthread_mutex_unlock(&blas_lock);
+}
+
+static void leave_one_blas_thread(void) {
+    pthread_mutex_lock(&blas_lock);
+    if (--blas_users == 0) {
+        openblas_set_num_threads(blas_threads);
+    }
+    pthread_mutex_unlock(&blas_lock);
+}
+
 static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_progress *progress,
                                                   pal_model **out, pal_error *error);
 
 pal_status pal_precompute(pal_scene *scene, const pal_progress *progress, pal_model **out,
                           pal_error *error) {
-    int threads = openblas_get_num_threads();
-    openblas_set_num_threads(1);
+    enter_one_blas_thread();
     pal_status status = precompute_with_one_blas_thread(scene, progress, out, error);
-    openblas_set_num_threads(threads);
+    leave_one_blas_thread();
     return status;
 }
 

@@ -74,8 +74,7 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         o->reference = positive(arg, "--reference", state);
         return 0;
     case KEY_SIZE:
-        if (sscanf(arg, "%dx%d%c", &o->width, &o->height, &extra) != 2 || o->width < 64 || o->height < 64 ||
-            o->width > 4096 || o->height > 4096) {
+        if (!parse_size(arg, &o->width, &o->height)) {
             argp_error(state, "--size %s: WIDTHxHEIGHT, 64 to 4096", arg);
         }
         return 0;

@@ -50,8 +50,8 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         o->mouse = 1;
         return 0;
     case KEY_SIZE:
-        if (sscanf(arg, "%dx%d%c", &o->width, &o->height, &extra) != 2 || o->width < 64 || o->height < 64) {
-            argp_error(state, "--size %s: WIDTHxHEIGHT", arg);
+        if (!parse_size(arg, &o->width, &o->height)) {
+            argp_error(state, "--size %s: WIDTHxHEIGHT, 64 to 4096", arg);
         }
         return 0;
     case ARGP_KEY_ARG:

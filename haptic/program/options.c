@@ -2,6 +2,7 @@
 #include "haptic/program/program.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 enum { KEY_JSON = 0x100, KEY_SET = 0x101 };
@@ -47,4 +48,10 @@ int parse_vector(const char *text, double v[3]) {
         text = end + 1;
     }
     return 1;
+}
+
+int parse_size(const char *text, int *width, int *height) {
+    char extra;
+    return sscanf(text, "%dx%d%c", width, height, &extra) == 2 && *width >= 64 && *width <= 4096 &&
+           *height >= 64 && *height <= 4096;
 }

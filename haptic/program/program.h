@@ -42,6 +42,9 @@ extern const struct argp common_argp;
 /// Parse "X,Y,Z" into v. @return 0 when it is not three finite numbers
 int parse_vector(const char *text, double v[3]);
 
+/// Parse "WIDTHxHEIGHT". @return 0 when it is not two numbers of 64 to 4096
+int parse_size(const char *text, int *width, int *height);
+
 /// ---- Scene or model (source.c) -----------------------------------------------------------------
 /// What a command works on: a model, and the scene it came from when one was given.
 typedef struct source {
