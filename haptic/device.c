@@ -26,9 +26,7 @@ pal_status pal_device_create(const pal_tool_def *tool, double period, pal_device
     case PALPATE_DEVICE_SCRIPTED:
         return pal_device_scripted_create(tool, out, error);
     case PALPATE_DEVICE_SIMULATED:
-        return pal_fail(error, PALPATE_ERROR_UNSUPPORTED,
-                        "tool '%s': the simulated device is not built yet; use replay or scripted",
-                        tool->name);
+        return pal_device_simulated_create(tool, period, out, error);
     }
     return pal_fail(error, PALPATE_ERROR_ARGUMENT, "tool '%s': unknown device kind %d", tool->name,
                     (int)tool->device.kind);

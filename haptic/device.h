@@ -8,5 +8,7 @@
 pal_status pal_device_null_create(const pal_tool_def *tool, pal_device *out, pal_error *error);
 pal_status pal_device_replay_create(const pal_tool_def *tool, pal_device *out, pal_error *error);
 pal_status pal_device_scripted_create(const pal_tool_def *tool, pal_device *out, pal_error *error);
+pal_status pal_device_simulated_create(const pal_tool_def *tool, double period, pal_device *out,
+                                       pal_error *error);
 
 #endif

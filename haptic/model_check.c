@@ -164,6 +164,17 @@ static pal_status check_runtime(const pal_runtime_config *runtime, pal_error *er
                         PALPATE_DEVICE_SIMULATED, error));
         TRY(check_count("tool stroke", (int64_t)stroke->kind, PALPATE_STROKE_PRESS,
                         PALPATE_STROKE_PALPATION, error));
+        const pal_simulated *simulated = &tool->device.simulated;
+        TRY(check_count("tool model", (int64_t)simulated->model, PALPATE_SIMULATED_TOUCH,
+                        PALPATE_SIMULATED_PREMIUM, error));
+        TRY(check_count("tool grip", (int64_t)simulated->grip, PALPATE_GRIP_FIRM,
+                        PALPATE_GRIP_NONE, error));
+        double figures[] = {simulated->mass,         simulated->damping,      simulated->friction,
+                            simulated->resolution,   simulated->force,        simulated->stiffness,
+                            simulated->reach,        simulated->hand_mass,    simulated->hand_damping,
+                            simulated->hand_stiffness, simulated->push,       simulated->kick,
+                            simulated->release,      simulated->grasp};
+        TRY(check_finite("simulated device", figures, 14, error));
         double numbers[] = {tool->radius,
                             tool->length,
                             tool->friction,

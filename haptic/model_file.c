@@ -42,6 +42,8 @@ typedef struct field {
 _Static_assert(sizeof(pal_precision) == 4 && sizeof(pal_shape_kind) == 4 &&
                    sizeof(pal_device_kind) == 4 && sizeof(pal_stroke_kind) == 4 && sizeof(int) == 4,
                "enumerations and int are stored as 32-bit integers");
+_Static_assert(offsetof(pal_simulated, grasp) - offsetof(pal_simulated, mass) == 13 * 8,
+               "the figures of a simulated device are stored as one array");
 
 #define MEMBER_SIZE(type, member) ((int)sizeof(((type *)0)->member))
 
@@ -168,6 +170,11 @@ static const field tool_fields[] = {
     {"direction", AT(device.stroke.direction), F64, 3, "1", "stroke: slide direction"},
     {"tremor_amplitude", AT(device.stroke.tremor_amplitude), F64, 1, "m", "stroke: tremor"},
     {"tremor_frequency", AT(device.stroke.tremor_frequency), F64, 1, "Hz", "stroke: tremor"},
+    {"simulated_model", AT(device.simulated.model), I32, 1, "1", "0 touch, 1 premium"},
+    {"simulated_grip", AT(device.simulated.grip), I32, 1, "1", "0 firm, 1 light, 2 none"},
+    {"simulated", AT(device.simulated.mass), F64, 14, "SI",
+     "simulated device: mass, damping, friction, resolution, force, stiffness, reach; hand: mass, "
+     "damping, stiffness; push, kick, release, grasp"},
 };
 
 /// Added since version 1, as above.

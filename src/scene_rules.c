@@ -6,6 +6,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include <palpate/session.h>
+
 #include "haptic/error.h"
 #include "src/scene_schema.h"
 #include "src/scene_size.h"
@@ -169,18 +171,22 @@ pal_status pal_rule_method(pal_reading *r, const pal_value *value, void *object)
     return PALPATE_OK;
 }
 
-static pal_status rule_scripted(pal_reading *r, const pal_value *tool, pal_tool_def *def) {
-    const pal_value *scripted = pal_value_get(pal_value_get(tool, "device"), "scripted");
+/// What scripted and simulated devices share: `key` below device holds the device, `motion` the
+/// stroke's keys.
+static pal_status rule_stroke(pal_reading *r, const pal_value *device, const pal_value *motion,
+                              const char *key, const char *direction_key, pal_tool_def *def) {
     pal_stroke *stroke = &def->device.stroke;
     if (!def->has_start) {
-        return pal_reading_fail(r, PALPATE_ERROR_SCENE, scripted, "device.scripted",
-                                "a scripted device, but no start", "start: [x, y, z] beside device",
+        char found[64];
+        (void)snprintf(found, sizeof found, "a %s device, but no start", strrchr(key, '.') + 1);
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, device, key, found,
+                                "start: [x, y, z] beside device",
                                 "add the tool's origin when it just touches");
     }
-    if (pal_value_is_null(pal_value_get(scripted, "tremor_amplitude"))) {
+    if (pal_value_is_null(pal_value_get(motion, "tremor_amplitude"))) {
         stroke->tremor_amplitude = stroke->kind == PALPATE_STROKE_PALPATION ? 2e-4 : 0.0;
     }
-    const pal_value *direction = pal_value_get(scripted, "direction");
+    const pal_value *direction = pal_value_get(motion, "direction");
     if (pal_value_is_null(direction)) {
         int along_x = fabs(def->axis[0]) > 0.9;
         stroke->direction[along_x] = 1.0;
@@ -198,7 +204,7 @@ static pal_status rule_scripted(pal_reading *r, const pal_value *tool, pal_tool_
         across = hypot(across, d[i]);
     }
     if (!(across > 1e-6 * length)) {
-        return pal_reading_fail(r, PALPATE_ERROR_SCENE, direction, "device.scripted.direction",
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, direction, direction_key,
                                 "a direction of length 0 or along the tool's axis",
                                 "[x, y, z] across the axis", "choose another direction");
     }
@@ -206,6 +212,48 @@ static pal_status rule_scripted(pal_reading *r, const pal_value *tool, pal_tool_
         d[i] /= across;
     }
     return PALPATE_OK;
+}
+
+static pal_status rule_scripted(pal_reading *r, const pal_value *tool, pal_tool_def *def) {
+    const pal_value *scripted = pal_value_get(pal_value_get(tool, "device"), "scripted");
+    return rule_stroke(r, scripted, scripted, "device.scripted", "device.scripted.direction", def);
+}
+
+/// Figures that the scene does not give are those of the model and of the grip.
+static pal_status rule_simulated(pal_reading *r, const pal_value *tool, pal_tool_def *def) {
+    const pal_value *at = pal_value_get(pal_value_get(tool, "device"), "simulated");
+    const pal_value *hand = pal_value_get(at, "hand");
+    pal_simulated *s = &def->device.simulated;
+    pal_simulated figures = pal_simulated_default(s->model, s->grip);
+    const struct {
+        const pal_value *map;
+        const char *key;
+        double *value, figure;
+    } given[] = {
+        {at, "mass", &s->mass, figures.mass},
+        {at, "damping", &s->damping, figures.damping},
+        {at, "friction", &s->friction, figures.friction},
+        {at, "resolution", &s->resolution, figures.resolution},
+        {at, "force", &s->force, figures.force},
+        {at, "reach", &s->reach, figures.reach},
+        {hand, "mass", &s->hand_mass, figures.hand_mass},
+        {hand, "damping", &s->hand_damping, figures.hand_damping},
+        {hand, "stiffness", &s->hand_stiffness, figures.hand_stiffness},
+    };
+    s->stiffness = figures.stiffness;
+    for (size_t i = 0; i < sizeof given / sizeof *given; i++) {
+        if (pal_value_is_null(pal_value_get(given[i].map, given[i].key))) {
+            *given[i].value = given[i].figure;
+        } else if (given[i].map == hand && s->grip == PALPATE_GRIP_NONE) {
+            char leaf[64];
+            (void)snprintf(leaf, sizeof leaf, "device.simulated.hand.%s", given[i].key);
+            return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_get(hand, given[i].key), leaf,
+                                    "a hand's figure with grip: none", "no figure, or another grip",
+                                    "leave it out, or grip: firm");
+        }
+    }
+    return rule_stroke(r, at, pal_value_get(at, "motion"), "device.simulated",
+                       "device.simulated.motion.direction", def);
 }
 
 pal_status pal_rule_tool(pal_reading *r, const pal_value *value, void *object) {
@@ -241,8 +289,14 @@ pal_status pal_rule_tool(pal_reading *r, const pal_value *value, void *object) {
         pal_value_is_null(pal_value_get(value, "device"))) {
         tool->device.kind = PALPATE_DEVICE_NULL;
     }
-    return tool->device.kind == PALPATE_DEVICE_SCRIPTED ? rule_scripted(r, value, tool)
-                                                        : PALPATE_OK;
+    switch (tool->device.kind) {
+    case PALPATE_DEVICE_SCRIPTED:
+        return rule_scripted(r, value, tool);
+    case PALPATE_DEVICE_SIMULATED:
+        return rule_simulated(r, value, tool);
+    default:
+        return PALPATE_OK;
+    }
 }
 
 /// Refine zones that name a patch, and zones that do not refine.
@@ -303,8 +357,39 @@ pal_status pal_rule_watchdog(pal_reading *r, const pal_value *value, void *objec
     return PALPATE_OK;
 }
 
+/// A simulated device is advanced by steps of at most 1 / rate: no more than 100 of them per tick
+/// (haptic/device_simulated.c demands the same).
+static pal_status rule_simulated_rate(pal_reading *r, const pal_value *root, int32_t tool) {
+    const pal_device_def *device = &r->scene->runtime.tools[tool].device;
+    const pal_simulated *s = &device->simulated;
+    if (device->kind != PALPATE_DEVICE_SIMULATED) {
+        return PALPATE_OK;
+    }
+    double mass = s->mass + s->hand_mass;
+    double rate = fmax(s->damping / s->mass,
+                       (s->damping + s->hand_damping) / mass + sqrt(s->hand_stiffness / mass));
+    if (rate <= 100.0 * r->scene->runtime.servo_rate) {
+        return PALPATE_OK;
+    }
+    char key[64];
+    char found[96];
+    (void)snprintf(key, sizeof key, "tools[%d].device.simulated", (int)tool);
+    (void)snprintf(found, sizeof found, "damping and stiffness over mass of %g 1/s", rate);
+    return pal_reading_fail(
+        r, PALPATE_ERROR_SCENE,
+        pal_value_get(pal_value_get(pal_value_get(root, "tools")->item[tool], "device"),
+                      "simulated"),
+        key, found, "at most 100 times servo.rate", "more mass, less damping or less stiffness");
+}
+
 pal_status pal_rule_root(pal_reading *r, const pal_value *value, void *object) {
     const struct pal_scene *scene = object;
+    for (int32_t t = 0; t < scene->runtime.tool_count; t++) {
+        pal_status status = rule_simulated_rate(r, value, t);
+        if (status != PALPATE_OK) {
+            return status;
+        }
+    }
     if (scene->skin.path[0] != '\0' && scene->store_rows == PALPATE_STORE_NONE) {
         return pal_reading_fail(r, PALPATE_ERROR_SCENE, pal_value_key(value, "skin"), "skin",
                                 "a mesh to draw and store: {displacement: none}",

@@ -37,6 +37,17 @@ static pal_status read_one(void *self, int64_t time_ns, pal_tool_state *state) {
     return m->inner.read(m->inner.self, time_ns - m->offset, state);
 }
 
+/// What the inner device feels: the force, or nothing while the mouse leads.
+static pal_status write_one(void *self, int64_t time_ns, const pal_tool_force *force) {
+    mouse_tool *m = self;
+    const pal_tool_force nothing = {0};
+    if (m->inner.write == NULL) {
+        return PALPATE_OK;
+    }
+    int mouse = atomic_load_explicit(&m->use_mouse, memory_order_relaxed);
+    return m->inner.write(m->inner.self, time_ns - m->offset, mouse ? &nothing : force);
+}
+
 static void close_both(void *self) {
     mouse_tool *m = self;
     if (m->inner.close != NULL) {
@@ -93,6 +104,7 @@ mouse_tool *mouse_tool_create(const pal_device *inner, const pal_tool_def *tool,
     out->spec = inner->spec;
     out->open = open_both;
     out->read = read_one;
+    out->write = write_one;
     out->close = close_both;
     return m;
 }

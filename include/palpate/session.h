@@ -32,7 +32,11 @@ typedef struct pal_device {
 } pal_device;
 #define PALPATE_DEVICE_ABI 2u
 
-/// Make the device a tool definition names (null, replay, scripted). It reports poses in the body's
+/// Figures of a device and of a hand, with their sources in haptic/simulated.c. push, kick, release and
+/// grasp are 0. Thread: any.
+PALPATE_API pal_simulated pal_simulated_default(pal_simulated_model model, pal_simulated_grip grip);
+
+/// Make the device a tool definition names (null, replay, scripted, simulated). It reports poses in the body's
 /// frame. The caller owns it (out->close(out->self)) until a session takes it over.
 /// @return PALPATE_OK; _IO or _SCENE (trajectory file, located), _ARGUMENT (the tool has no device,
 /// or a stroke's parameters are impossible), _UNSUPPORTED, _MEMORY

@@ -45,10 +45,44 @@ typedef struct pal_stroke {
     double tremor_frequency; ///< [Hz]
 } pal_stroke;
 
+typedef enum pal_simulated_model {
+    PALPATE_SIMULATED_TOUCH = 0,  ///< Geomagic/3D Systems Touch (SensAble Phantom Omni)
+    PALPATE_SIMULATED_PREMIUM = 1 ///< SensAble Phantom Premium 1.5
+} pal_simulated_model;
+
+typedef enum pal_simulated_grip {
+    PALPATE_GRIP_FIRM = 0,  ///< measured arm and hand
+    PALPATE_GRIP_LIGHT = 1, ///< a tenth of it: harder for stability than any measured one
+    PALPATE_GRIP_NONE = 2   ///< nobody holds it
+} pal_simulated_grip;
+
+/// A simulated force-feedback device and the hand that holds it. pal_simulated_default() fills in
+/// published figures (haptic/simulated.c names the sources). The hand follows the device's `stroke`;
+/// without a hand only `push` and the tool's force move the device.
+typedef struct pal_simulated {
+    pal_simulated_model model; ///< whose figures these are; the numbers below are what counts
+    pal_simulated_grip grip;   ///< likewise of the hand
+    double mass;           ///< apparent mass at the tip [kg]
+    double damping;        ///< viscous, of the device alone [N s/m]
+    double friction;       ///< Coulomb (back-drive) friction of each axis [N]
+    double resolution;     ///< of the encoders, each axis [m]; 0: exact
+    double force;          ///< largest force of the actuators [N]
+    double stiffness;      ///< largest the maker gives; only told to the session [N/m]
+    double reach;          ///< stops: each coordinate stays within start +- reach [m]
+    double hand_mass;      ///< of the hand, moving with the tip [kg]
+    double hand_damping;   ///< between tip and intended motion [N s/m]
+    double hand_stiffness; ///< between tip and intended motion [N/m]; all three 0: no hand
+    double push;           ///< constant force along the tool's axis [N]
+    double kick;           ///< speed along the tool's axis at the start [m/s]
+    double release;        ///< the hand lets go at this time [s]; 0: never
+    double grasp;          ///< the grasp button closes at this time [s]; 0: never
+} pal_simulated;
+
 typedef struct pal_device_def {
     pal_device_kind kind;
-    char path[1024];   ///< replay: the trajectory CSV, absolute
-    pal_stroke stroke; ///< scripted
+    char path[1024];         ///< replay: the trajectory CSV, absolute
+    pal_stroke stroke;       ///< scripted, and what the hand of a simulated device intends
+    pal_simulated simulated; ///< simulated
 } pal_device_def;
 
 /// What a device can bear. Zero: unknown. A limit, a coupling or a speed beyond what is known here is
