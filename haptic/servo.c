@@ -144,6 +144,16 @@ static uint32_t write_devices(pal_servo *servo, int64_t time_ns, const pal_tool_
     return lost;
 }
 
+static void keep_energy(pal_servo *servo, int32_t tool, const pal_tool_state *in,
+                        const pal_tool_force *out) {
+    pal_passivity *p = &servo->port[tool];
+    (void)pal_passivity_tick(p, in->position, out->force);
+    const double value[3] = {p->given, p->taken, p->worst};
+    for (int k = 0; k < 3; k++) {
+        atomic_store_explicit(&servo->energy[tool][k], value[k], memory_order_relaxed);
+    }
+}
+
 static void keep_peaks(pal_servo *servo, const pal_tool_force *f) {
     double size =
         sqrt(f->force[0] * f->force[0] + f->force[1] * f->force[1] + f->force[2] * f->force[2]);
@@ -223,6 +233,7 @@ static void tick(pal_servo *servo, uint64_t period, uint64_t missed, int64_t wak
     uint32_t latched = 0, seen = atomic_load_explicit(&servo->fault, memory_order_relaxed);
     for (int32_t i = 0; i < servo->tool_count; i++) {
         keep_peaks(servo, &out[i]);
+        keep_energy(servo, i, &in[i], &out[i]);
         const pal_tick_record record = {
             .tick = number,
             .time_ns = time_ns,

@@ -23,6 +23,7 @@
 #include <palpate/session.h>
 
 #include "haptic/pace.h"
+#include "haptic/passivity.h"
 #include "haptic/pose.h"
 #include "haptic/quantiles.h"
 #include "haptic/realtime.h"
@@ -69,11 +70,13 @@ typedef struct pal_servo {
     _Atomic uint32_t latched; ///< bit per tool, of the last tick
     _Atomic uint32_t fault;   ///< fault bits raised so far, those of devices included
     _Atomic double peak_force, peak_vector[3], peak_depth;
+    _Atomic double energy[PALPATE_TOOLS_MAX][3]; ///< given, taken, worst of each tool's port [J]
     pal_servo_times times;
     pal_histogram bare_lateness;
 
     // the loop's own
     pal_pace pace; ///< of the field
+    pal_passivity port[PALPATE_TOOLS_MAX];
     pal_tool_state last[PALPATE_TOOLS_MAX];
 } pal_servo;
 

@@ -439,6 +439,11 @@ void pal_session_get_report(const pal_session *s, pal_session_report *out) {
     for (int k = 0; k < 3; k++) {
         out->peak_force_vector[k] = atomic_load_explicit(&v->peak_vector[k], memory_order_relaxed);
     }
+    for (int32_t t = 0; t < v->tool_count; t++) {
+        out->port[t].given = atomic_load_explicit(&v->energy[t][0], memory_order_relaxed);
+        out->port[t].taken = atomic_load_explicit(&v->energy[t][1], memory_order_relaxed);
+        out->port[t].worst = atomic_load_explicit(&v->energy[t][2], memory_order_relaxed);
+    }
     out->counts = s->counts;
     out->latched = atomic_load_explicit(&v->latched, memory_order_relaxed);
     out->fault = atomic_load_explicit(&v->fault, memory_order_relaxed);

@@ -195,6 +195,26 @@ static void print_limits(const pal_session_report *r) {
     }
 }
 
+/// Work at each tool's device: {name: {given, taken, worst}} [J].
+static json_t *json_energy(const pal_session_report *r, const pal_runtime_config *runtime) {
+    json_t *j = json_object();
+    for (int32_t t = 0; t < runtime->tool_count; t++) {
+        json_object_set_new(j, runtime->tools[t].name,
+                            json_pack("{s:f,s:f,s:f}", "given", r->port[t].given, "taken",
+                                      r->port[t].taken, "worst", r->port[t].worst));
+    }
+    return j;
+}
+
+static void print_energy(const pal_session_report *r, const pal_runtime_config *runtime) {
+    for (int32_t t = 0; t < runtime->tool_count; t++) {
+        const pal_port_energy *e = &r->port[t];
+        (void)printf("energy         %s: %.3g mJ taken from the device, %.3g mJ given back, at most %.3g mJ in "
+                     "excess\n",
+                     runtime->tools[t].name, 1e3 * e->taken, 1e3 * e->given, 1e3 * e->worst);
+    }
+}
+
 static json_t *json_report(const pal_session_report *r, const options *o) {
 #define FAULT_NAME(name, bit, text) [bit] = #name,
     static const char *const fault_name[32] = {PALPATE_FAULT_LIST(FAULT_NAME)};
@@ -402,10 +422,12 @@ int command_run(int argc, char **argv) {
         exit_status = report_error(&o.common, status, &error);
     } else if (o.common.json) {
         json_t *object = json_report(&report, &o);
+        json_object_set_new(object, "energy", json_energy(&report, pal_model_runtime(s.model)));
         json_object_set_new(object, "warnings", source_warnings_json(&s));
         print_json(object);
     } else {
         print_report(&report, &o, paint);
+        print_energy(&report, pal_model_runtime(s.model));
     }
     if (exit_status == 0 && interrupt_signal() != 0) {
         exit_status = 128 + interrupt_signal();

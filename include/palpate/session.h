@@ -135,6 +135,14 @@ typedef struct pal_bare_report {
     pal_quantiles lateness_us;
 } pal_bare_report;
 
+/// Work at a device's port, from the poses it gave and the forces it was given (held between ticks).
+/// From rest without contact an engine that returns no more than was put in keeps given <= taken.
+typedef struct pal_port_energy {
+    double given; ///< done on the device by the session [J]
+    double taken; ///< done by the device [J]
+    double worst; ///< largest given - taken there has been [J]; > 0: energy was returned in excess
+} pal_port_energy;
+
 typedef struct pal_session_report {
     uint64_t ticks;         ///< evaluated
     uint64_t missed;        ///< periods elapsed without a tick; ticks + missed = periods elapsed
@@ -158,6 +166,7 @@ typedef struct pal_session_report {
     uint64_t records, records_lost; ///< ticks x tools written to the recording, and not
     uint64_t record_frames, record_frames_lost;
     pal_bare_report bare;   ///< with def.reference_slice
+    pal_port_energy port[PALPATE_TOOLS_MAX]; ///< of each tool's device
     char record_error[256]; ///< first failure of the recording; "" when there was none
     char scheduling[512];   ///< what was granted and what was refused, one sentence
 } pal_session_report;

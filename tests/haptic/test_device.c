@@ -22,6 +22,7 @@ static pal_tool_def make_tool(pal_device_kind kind) {
                       .start = {0.01, 0.02, 0.054},
                       .axis = {0, 0, -1}};
     t.device.kind = kind;
+    t.device.simulated = pal_simulated_default(PALPATE_SIMULATED_TOUCH, PALPATE_GRIP_FIRM);
     t.device.stroke = (pal_stroke){.kind = PALPATE_STROKE_PRESS,
                                    .depth = 0.005,
                                    .ramp = 1,
@@ -95,8 +96,8 @@ static void conforms(pal_device *d) {
 static void every_device_conforms(void **state) {
     (void)state;
     static const pal_device_kind kinds[] = {PALPATE_DEVICE_NULL, PALPATE_DEVICE_REPLAY,
-                                            PALPATE_DEVICE_SCRIPTED};
-    for (size_t i = 0; i < 3; i++) {
+                                            PALPATE_DEVICE_SCRIPTED, PALPATE_DEVICE_SIMULATED};
+    for (size_t i = 0; i < 4; i++) {
         pal_tool_def t = make_tool(kinds[i]);
         (void)snprintf(t.device.path, sizeof t.device.path, "%s", csv_path);
         pal_device d = make(&t);
@@ -114,8 +115,10 @@ static void what_cannot_be_made_is_refused(void **state) {
     pal_tool_def t = make_tool(PALPATE_DEVICE_NONE);
     assert_int_equal(pal_device_create(&t, 1e-3, &d, &e), PALPATE_ERROR_ARGUMENT);
     assert_non_null(strstr(e.message, "probe"));
-    t = make_tool(PALPATE_DEVICE_SIMULATED);
-    assert_int_equal(pal_device_create(&t, 1e-3, &d, &e), PALPATE_ERROR_UNSUPPORTED);
+    t = make_tool(PALPATE_DEVICE_SIMULATED); // no figures: a mass of 0
+    t.device.simulated.mass = 0.0;
+    assert_int_equal(pal_device_create(&t, 1e-3, &d, &e), PALPATE_ERROR_ARGUMENT);
+    assert_non_null(strstr(e.message, "mass"));
     t = make_tool((pal_device_kind)77);
     assert_int_equal(pal_device_create(&t, 1e-3, &d, &e), PALPATE_ERROR_ARGUMENT);
     t = make_tool(PALPATE_DEVICE_REPLAY);
