@@ -227,12 +227,13 @@ tsan: ## build and run the tests with ThreadSanitizer
 # `make test` runs every target over its seeds and the findings kept there (test_fuzz.sh)
 FUZZ_SECONDS ?= 60
 FUZZ_SRC  := $(wildcard tests/fuzz/fuzz_*.c)
+FUZZ_AUX  := $(call obj,$(filter-out $(FUZZ_SRC),$(wildcard tests/fuzz/*.c)) tests/support/synthetic_model.c)
 FUZZ_BIN  := $(patsubst %.c,$(BUILD)/%,$(FUZZ_SRC))
 FUZZ_RUN   = $(strip $(foreach b,$(FUZZ_BIN),$(if $(or $(if $(T),,all),$(findstring $(T),$(notdir $(b)))),$(b))))
-$(call obj,$(FUZZ_SRC)): EXTRA = $(call pc-cflags,$(ONLINE_PC))
-$(FUZZ_BIN): $(BUILD)/%: $(BUILD)/obj/%.o $(TEST_AUX_OBJ) $(OFFLINE_A) $(LIB_A)
+$(call obj,$(FUZZ_SRC)) $(FUZZ_AUX): EXTRA = $(call pc-cflags,$(ONLINE_PC))
+$(FUZZ_BIN): $(BUILD)/%: $(BUILD)/obj/%.o $(FUZZ_AUX) $(OFFLINE_A) $(LIB_A)
 	@mkdir -p $(@D)
-	$(Q)$(CC) -fsanitize=fuzzer,address,undefined $< $(call obj,tests/support/synthetic_model.c) $(OFFLINE_A) $(LIB_A) $(ONLINE_LIBS) $(OFFLINE_LIBS) $(LDFLAGS) -o $@
+	$(Q)$(CC) -fsanitize=fuzzer,address,undefined $< $(FUZZ_AUX) $(OFFLINE_A) $(LIB_A) $(ONLINE_LIBS) $(OFFLINE_LIBS) $(LDFLAGS) -o $@
 .PHONY: fuzz run-fuzz build-fuzz
 fuzz: ## fuzz every reader of files for FUZZ_SECONDS (60) each, T=scene only that one
 	@sh .ci/deps.sh $(PACKAGES) clang libclang-rt-14-dev
@@ -240,7 +241,8 @@ fuzz: ## fuzz every reader of files for FUZZ_SECONDS (60) each, T=scene only tha
 build-fuzz: $(FUZZ_BIN) $(READER)
 run-fuzz: $(FUZZ_RUN) $(READER)
 	@for b in $(FUZZ_RUN); do n=$${b##*/fuzz_}; mkdir -p $(BUILD)/corpus/$$n && echo "== $$n" && \
-		PALPATE_READER=$(abspath $(READER)) $$b -max_total_time=$(FUZZ_SECONDS) -max_len=8192 -timeout=20 -rss_limit_mb=2048 \
+		ASAN_OPTIONS=quarantine_size_mb=64:allocator_may_return_null=1 PALPATE_READER=$(abspath $(READER)) $$b -max_total_time=$(FUZZ_SECONDS) -max_len=8192 -timeout=20 -rss_limit_mb=2048 \
+		$$([ -f tests/fuzz/corpus/$$n.dict ] && echo -dict=tests/fuzz/corpus/$$n.dict) \
 		-print_final_stats=1 -verbosity=1 -artifact_prefix=$(BUILD)/corpus/$$n- $(BUILD)/corpus/$$n \
 		tests/fuzz/corpus/$$n 2>$(BUILD)/corpus/$$n.log || { tail -40 $(BUILD)/corpus/$$n.log; exit 1; }; \
 		grep -E '^stat::number|DONE' $(BUILD)/corpus/$$n.log | tr '\n' ' '; echo; done

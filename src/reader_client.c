@@ -36,7 +36,7 @@ static pal_status check_reply(const pal_reader_request *request, pal_reader_repl
                         reply->verdict == PALPATE_READER_NO_MEMORY      ? PALPATE_ERROR_MEMORY
                         : reply->verdict == PALPATE_READER_BAD_GEOMETRY ? PALPATE_ERROR_GEOMETRY
                                                                         : PALPATE_ERROR_IO,
-                        "%s", reply->message);
+                        "%s", reply->message[0] ? reply->message : "palpate-reader gives no reason");
     }
     if (reply->vertex_count < 1 || reply->vertex_count > request->file_bytes ||
         reply->triangle_count < 1 || reply->triangle_count > request->file_bytes ||

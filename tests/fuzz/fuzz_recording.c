@@ -5,13 +5,10 @@
 /// first; bit 1: each item's too, so that the reader gets nonsense that looks intact. Oracle:
 /// refused with a message, or what is read ends and its counts add up to the items in the file.
 #include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
-#include <unistd.h>
 
 #include "haptic/recording_read.h"
+#include "tests/fuzz/scratch.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
@@ -65,12 +62,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     if (data[0] & 1) {
         seal(file, grown, (data[0] & 2) != 0);
     }
-    char path[64];
-    int fd = memfd_create("ticks", MFD_CLOEXEC);
-    if (fd < 0 || write(fd, file, grown) != (ssize_t)grown) {
-        abort();
-    }
-    (void)snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
+    char path[SCRATCH_PATH];
+    scratch_path(".ticks", path);
+    scratch_write(path, file, grown);
     pal_ticks_header header;
     pal_raw_reader reader = {.fd = -1};
     pal_error error = {0};
@@ -93,7 +87,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         }
         pal_raw_close(&reader);
     }
-    (void)close(fd);
+    (void)unlink(path);
     free(file);
     return 0;
 }
