@@ -199,7 +199,17 @@ $(TEST_BIN): $(BUILD)/tests/%: $(BUILD)/obj/tests/%.o $(TEST_AUX_OBJ) $(VIEW_A) 
 	$(if $(V),,@echo "  LINK $@")
 	$(Q)$(CC) $(SANITIZE) $(filter %.o,$^) $(VIEW_A) $(OFFLINE_A) $(LIB_A) -lcmocka $(ONLINE_LIBS) $(OFFLINE_LIBS) $(PROGRAM_LIBS) $(LDFLAGS) -o $@
 
-build-tests: build-all $(TEST_BIN)
+# the fuzz targets with a main of our own, over their seeds (test_fuzz_seeds.sh); see Fuzzing below
+FUZZ_SRC  := $(wildcard tests/fuzz/fuzz_*.c)
+FUZZ_MAIN := $(call obj,tests/fuzz/seeds_main.c)
+FUZZ_AUX  := $(call obj,$(filter-out $(FUZZ_SRC) tests/fuzz/seeds_main.c,$(wildcard tests/fuzz/*.c)) tests/support/synthetic_model.c)
+$(call obj,$(FUZZ_SRC)) $(FUZZ_AUX): EXTRA = $(call pc-cflags,$(ONLINE_PC))
+SEEDS_BIN := $(patsubst tests/fuzz/fuzz_%.c,$(BUILD)/tests/fuzz/seeds_%,$(FUZZ_SRC))
+$(SEEDS_BIN): $(BUILD)/tests/fuzz/seeds_%: $(BUILD)/obj/tests/fuzz/fuzz_%.o $(FUZZ_MAIN) $(FUZZ_AUX) $(OFFLINE_A) $(LIB_A)
+	@mkdir -p $(@D)
+	$(Q)$(CC) $(SANITIZE) $< $(FUZZ_MAIN) $(FUZZ_AUX) $(OFFLINE_A) $(LIB_A) $(ONLINE_LIBS) $(OFFLINE_LIBS) $(LDFLAGS) -o $@
+
+build-tests: build-all $(TEST_BIN) $(SEEDS_BIN)
 run-tests: build-tests
 	@BUILD=$(BUILD) VARIANT=$(VARIANT) CC="$(CC)" JOBS=$(JOBS) sh tests/run.sh "$(T)" $(TEST_BIN) $(TEST_SH)
 
@@ -224,13 +234,10 @@ tsan: ## build and run the tests with ThreadSanitizer
 	@$(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=tsan BUILD=$(BUILD)/tsan
 
 # ---- Fuzzing: tests/fuzz/fuzz_NAME.c with its seeds in tests/fuzz/corpus/NAME ------------------
-# `make test` runs every target over its seeds and the findings kept there (test_fuzz.sh)
+# `make test` runs every target over its seeds and fixed mutations of them (test_fuzz_seeds.sh)
 FUZZ_SECONDS ?= 60
-FUZZ_SRC  := $(wildcard tests/fuzz/fuzz_*.c)
-FUZZ_AUX  := $(call obj,$(filter-out $(FUZZ_SRC),$(wildcard tests/fuzz/*.c)) tests/support/synthetic_model.c)
 FUZZ_BIN  := $(patsubst %.c,$(BUILD)/%,$(FUZZ_SRC))
 FUZZ_RUN   = $(strip $(foreach b,$(FUZZ_BIN),$(if $(or $(if $(T),,all),$(findstring $(T),$(notdir $(b)))),$(b))))
-$(call obj,$(FUZZ_SRC)) $(FUZZ_AUX): EXTRA = $(call pc-cflags,$(ONLINE_PC))
 $(FUZZ_BIN): $(BUILD)/%: $(BUILD)/obj/%.o $(FUZZ_AUX) $(OFFLINE_A) $(LIB_A)
 	@mkdir -p $(@D)
 	$(Q)$(CC) -fsanitize=fuzzer,address,undefined $< $(FUZZ_AUX) $(OFFLINE_A) $(LIB_A) $(ONLINE_LIBS) $(OFFLINE_LIBS) $(LDFLAGS) -o $@
