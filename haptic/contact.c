@@ -55,8 +55,8 @@ static pal_status nodes_check(const pal_model *model, const pal_contact_def *def
         }
         if (tool->coupling_stiffness > 0.0) {
             return pal_fail(error, PALPATE_ERROR_UNSUPPORTED,
-                            "tools[%d].coupling: %g N/m: virtual coupling is not built yet; leave "
-                            "it out",
+                            "tools[%d].coupling: %g N/m: the contact law \"nodes\" has no virtual "
+                            "coupling; use contact: {law: surface} or leave it out",
                             (int)t, tool->coupling_stiffness);
         }
     }

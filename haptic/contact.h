@@ -23,6 +23,7 @@ typedef struct pal_contact_def {
     int32_t tool_count;
     const pal_tool_def *tools; ///< shape [tool_count]; must outlive the law
     int32_t max_contacts;      ///< contact points over all tools
+    int32_t points;            ///< contact points of one tool, where the law spreads them
     double period;             ///< tick period [s]
 } pal_contact_def;
 
@@ -74,6 +75,8 @@ typedef struct pal_contact_law {
     void (*reset)(void *self);
 } pal_contact_law;
 
+/// Contact points anywhere on the surface, unilateral: contact_anywhere.c. The default.
+extern const pal_contact_law pal_contact_anywhere;
 /// Prescribed displacement of touched nodes (De, Hong, Bathe 2003, Eq. 52): contact.c.
 extern const pal_contact_law pal_contact_nodes;
 

@@ -19,7 +19,7 @@
 
 #include "haptic/error.h"
 
-enum { LINE = PALPATE_CACHE_LINE, CONTACTS_MAX = 1024, READERS_MAX = 64 };
+enum { LINE = PALPATE_CACHE_LINE, CONTACTS_MAX = 1024, POINTS = 16, POINTS_MAX = 64, READERS_MAX = 64 };
 static const uint32_t ENGINE_COOKIE = 0x50414c45u;
 
 // ---- Definition ---------------------------------------------------------------------------------
@@ -36,8 +36,7 @@ pal_engine_def pal_engine_default_def(void) {
 }
 
 const pal_contact_law *pal_contact_law_for(const pal_engine_def *def) {
-    (void)def;
-    return &pal_contact_nodes;
+    return def->contact_law == PALPATE_CONTACT_NODES ? &pal_contact_nodes : &pal_contact_anywhere;
 }
 
 /// Is the spec one, and the coupling within it?
@@ -94,6 +93,7 @@ static pal_contact_def contact_def(const pal_engine_def *def) {
     return (pal_contact_def){.tool_count = def->tool_count,
                              .tools = def->tools,
                              .max_contacts = def->max_contacts,
+                             .points = def->contact_points > 0 ? def->contact_points : POINTS,
                              .period = def->period};
 }
 
@@ -112,6 +112,15 @@ static pal_status check(const pal_model *model, const pal_engine_def *def, pal_e
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
                         "pal_engine_def.max_contacts: %d: must be 1 to %d", (int)def->max_contacts,
                         CONTACTS_MAX);
+    }
+    if (def->contact_law != PALPATE_CONTACT_SURFACE && def->contact_law != PALPATE_CONTACT_NODES) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "pal_engine_def.contact_law: %d: unknown law",
+                        (int)def->contact_law);
+    }
+    if (def->contact_points < 0 || def->contact_points > POINTS_MAX) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "pal_engine_def.contact_points: %d: must be 0 (default) to %d",
+                        (int)def->contact_points, POINTS_MAX);
     }
     if (def->reader_count < 0 || def->reader_count > READERS_MAX || def->frame_age < 1) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,

@@ -150,6 +150,9 @@ static pal_status check_runtime(const pal_runtime_config *runtime, pal_error *er
     if (pal_watchdog_check(&runtime->watchdog, &why) != PALPATE_OK) {
         return BAD("%s", why.message);
     }
+    TRY(check_count("contact_law", (int64_t)runtime->contact_law, PALPATE_CONTACT_SURFACE,
+                    PALPATE_CONTACT_NODES, error));
+    TRY(check_count("contact_points", runtime->contact_points, 0, 64, error));
     double rates[] = {runtime->servo_rate, runtime->render_rate};
     TRY(check_finite("rates", rates, 2, error));
     for (int32_t i = 0; i < runtime->tool_count; i++) {

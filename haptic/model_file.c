@@ -140,6 +140,10 @@ static const field added_fields[] = {
     {"/runtime/watchdog_speed", AT(runtime.watchdog.speed), F64, 1, "m/s", "0: the default"},
     {"/runtime/watchdog_ramp_down", AT(runtime.watchdog.ramp_down), F64, 1, "s", "0: the default"},
     {"/runtime/watchdog_ramp_up", AT(runtime.watchdog.ramp_up), F64, 1, "s", "0: the default"},
+    {"/runtime/contact_law", AT(runtime.contact_law), I32, 1, "1",
+     "contact law: 0 anywhere on the surface, 1 nodes"},
+    {"/runtime/contact_points", AT(runtime.contact_points), I32, 1, "1",
+     "contact points of one tool; 0: the engine's default"},
 };
 
 #undef AT

@@ -61,6 +61,9 @@ void pal_ticks_header_fill(pal_ticks_header *header, const pal_model *model,
     header->tool_bytes = sizeof(pal_tool_def);
     header->tool_count = def->engine.tool_count;
     header->max_contacts = def->engine.max_contacts;
+    if (def->engine.contact_law == PALPATE_CONTACT_SURFACE) {
+        header->contact = def->engine.contact_points << 8 | 1;
+    }
     header->period_ns = (int64_t)(def->engine.period * 1e9 + 0.5);
     header->started_s = (int64_t)time(NULL);
     header->period = def->engine.period;

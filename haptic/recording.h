@@ -47,7 +47,8 @@ typedef struct pal_ticks_header {
     double period; ///< as the engine has it [s]; period_ns is rounded
     pal_pose body_pose, device_to_world;
     pal_watchdog_def watchdog;
-    int32_t freewheel, reserved;
+    int32_t freewheel;
+    int32_t contact; ///< 0: law "nodes" (all there was once); else "surface", points << 8 | 1
     char model_hash[72];
     char model_method[32];
     char model_provenance[512];

@@ -175,6 +175,7 @@ static pal_status write_facts(conversion *c, pal_error *error) {
         {"/complete", h->complete, "1", "1: the run ended in order, 0: it was killed"},
         {"/freewheel", h->freewheel, "1", "1: without deadlines"},
         {"/max_contacts", h->max_contacts, "1", "contact points the engine kept at most"},
+        {"/contact", h->contact, "1", "contact law: 0 nodes; else surface, points << 8 | 1"},
         {"/records_lost", (int64_t)h->lost, "1", "records the disk refused"},
         {"/records_damaged", (int64_t)c->ticks.bad, "1",
          "records dropped: checksum wrong or cut off"},

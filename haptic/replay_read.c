@@ -131,6 +131,12 @@ static pal_status read_facts(pal_recording *r, pal_error *error) {
                           (long long)max_contacts);
     }
     def->max_contacts = (int32_t)max_contacts;
+    int64_t contact = 0; // older recordings: all there was
+    if (status == PALPATE_OK && pal_h5_has(r->file, "/contact")) {
+        status = read_whole(r->file, "/contact", &contact, error);
+    }
+    def->contact_law = (contact & 1) != 0 ? PALPATE_CONTACT_SURFACE : PALPATE_CONTACT_NODES;
+    def->contact_points = (int32_t)(contact >> 8 & 0xff);
     def->reader_count = 0; // nobody looks at the field
     def->tools = r->tool;
     return status;

@@ -455,6 +455,13 @@ static const pal_scene_key KEYS[] = {
            struct pal_scene, runtime.watchdog.ramp_down),
     NUMBER("watchdog.ramp_up", "s", WITHIN(0.001, 10), "0.1",
            "time in which it comes back after a fault", struct pal_scene, runtime.watchdog.ramp_up),
+    MAP("contact", "(all defaults)", "how tools touch the body"),
+    CHOICE("contact.law", "surface | nodes", "surface",
+           "contact anywhere on the surface, or prescribed displacement of touched nodes (paper 1)",
+           struct pal_scene, runtime.contact_law),
+    INTEGER("contact.points", WITHIN(1, 64), "16",
+            "law surface: contact points of one tool, 1, 6, 7, 16, 19 or 37 for a ball", struct pal_scene,
+            runtime.contact_points),
     INTEGER("max_contacts", WITHIN(1, 1024), "32", "contact points an engine keeps at once",
             struct pal_scene, runtime.max_contacts),
 };

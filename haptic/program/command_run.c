@@ -354,6 +354,8 @@ static pal_status run(const source *s, options *o, pal_session_report *report, p
     def.engine.max_contacts = runtime->max_contacts;
     def.engine.field_by = runtime->field_by;
     def.engine.watchdog = runtime->watchdog;
+    def.engine.contact_law = runtime->contact_law;
+    def.engine.contact_points = runtime->contact_points;
     def.engine.period = 1.0 / runtime->servo_rate;
     def.freewheel = o->freewheel;
     def.realtime = o->realtime;

@@ -287,6 +287,8 @@ static pal_status start_session(viewer *v, pal_error *error) {
     def.engine.max_contacts = v->runtime->max_contacts;
     def.engine.field_by = v->runtime->field_by;
     def.engine.watchdog = v->runtime->watchdog;
+    def.engine.contact_law = v->runtime->contact_law;
+    def.engine.contact_points = v->runtime->contact_points;
     def.engine.period = 1.0 / v->runtime->servo_rate;
     def.render_rate = 0.0; // this thread draws
     pal_status status = create_devices(v, &def, error);

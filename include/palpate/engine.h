@@ -82,6 +82,8 @@ typedef struct pal_engine_def {
     int32_t tool_count;             ///< 1..PALPATE_TOOLS_MAX
     const pal_tool_def *tools;      ///< copied at create, shape [tool_count]
     int32_t max_contacts;           ///< contact points over all tools; default 32
+    pal_contact_kind contact_law;   ///< default PALPATE_CONTACT_SURFACE
+    int32_t contact_points;         ///< law "surface": points of one tool; 0: 16, at most 64
     int32_t reader_count;           ///< snapshot readers; default 2
     pal_pose body_pose;             ///< body in the world
     pal_pose device_to_world;       ///< device frame in the world

@@ -25,6 +25,12 @@ typedef enum pal_device_kind {
     PALPATE_DEVICE_SIMULATED = 4 ///< simulated device and hand, closed loop
 } pal_device_kind;
 
+/// Contact law of an engine.
+typedef enum pal_contact_kind {
+    PALPATE_CONTACT_SURFACE = 0, ///< contact points anywhere on the rest surface, unilateral
+    PALPATE_CONTACT_NODES = 1    ///< prescribed displacement of touched nodes (paper 1, Eq. 52)
+} pal_contact_kind;
+
 typedef enum pal_stroke_kind {
     PALPATE_STROKE_PRESS = 0,
     PALPATE_STROKE_SLIDE = 1,
@@ -154,6 +160,8 @@ typedef struct pal_runtime_config {
     double servo_rate;    ///< [Hz]
     double render_rate;   ///< [Hz]
     int32_t max_contacts; ///< contact points an engine keeps; more are reduced and counted
+    pal_contact_kind contact_law; ///< contact law of the engine
+    int32_t contact_points;       ///< contact points of one tool; 0: the engine's default
     pal_field_by field_by; ///< the scene's `render: {field: servo | render}`
     pal_watchdog_def watchdog;
 } pal_runtime_config;

@@ -508,6 +508,8 @@ static void definitions_are_checked(void **state) {
     BAD(def->tool_count = 0, PALPATE_ERROR_ARGUMENT, "tool_count");
     BAD(def->tool_count = 9, PALPATE_ERROR_ARGUMENT, "tool_count");
     BAD(def->max_contacts = 0, PALPATE_ERROR_ARGUMENT, "max_contacts");
+    BAD(def->contact_law = (pal_contact_kind)2, PALPATE_ERROR_ARGUMENT, "contact_law");
+    BAD(def->contact_points = 65, PALPATE_ERROR_ARGUMENT, "contact_points");
     BAD(def->reader_count = -1, PALPATE_ERROR_ARGUMENT, "reader_count");
     BAD(def->frame_age = 0, PALPATE_ERROR_ARGUMENT, "frame_age");
     BAD(def->body_pose.position[1] = NAN, PALPATE_ERROR_ARGUMENT, "body_pose");
@@ -524,7 +526,11 @@ static void definitions_are_checked(void **state) {
     BAD((tool->spec.max_damping = 1, tool->coupling_damping = 2), PALPATE_ERROR_ARGUMENT, "bears");
     BAD(def->watchdog.stale = 2, PALPATE_ERROR_ARGUMENT, "watchdog.stale");
     BAD(tool->friction = 0.3, PALPATE_ERROR_UNSUPPORTED, "friction");
-    BAD(tool->coupling_stiffness = 500, PALPATE_ERROR_UNSUPPORTED, "coupling");
+    BAD(tool->coupling_stiffness = 500, PALPATE_ERROR_UNSUPPORTED, "coupling"); // of law "nodes"
+    BAD((def->contact_law = PALPATE_CONTACT_SURFACE, tool->coupling_stiffness = NAN),
+        PALPATE_ERROR_ARGUMENT, "coupling");
+    BAD((def->contact_law = PALPATE_CONTACT_SURFACE, tool->coupling_damping = -1),
+        PALPATE_ERROR_ARGUMENT, "coupling");
 #undef BAD
     for (int k = 0; k < n; k++) {
         pal_error error = {0};
@@ -542,24 +548,29 @@ static void definitions_are_checked(void **state) {
     rig_free(&r);
 }
 
+#define BOTH_LAWS(test)                                                                            \
+    cmocka_unit_test(test), {                                                                      \
+        #test " (surface)", test, rig_surface_law, rig_nodes_law, NULL                             \
+    }
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(force_equals_lapack_symmetric),
         cmocka_unit_test(force_equals_lapack_nonsymmetric),
         cmocka_unit_test(field_equals_the_stored_rows_times_force),
         cmocka_unit_test(press_pushes_back_grows_and_ends),
-        cmocka_unit_test(body_and_device_poses_rotate_everything),
+        BOTH_LAWS(body_and_device_poses_rotate_everything),
         cmocka_unit_test(more_than_max_contacts_keeps_the_deepest),
-        cmocka_unit_test(bad_pose_keeps_the_last_good_one),
-        cmocka_unit_test(absurd_but_finite_poses_do_no_harm),
-        cmocka_unit_test(cap_and_slew_reach_the_output),
         cmocka_unit_test(zero_limits_are_the_defaults),
+        BOTH_LAWS(bad_pose_keeps_the_last_good_one),
+        BOTH_LAWS(absurd_but_finite_poses_do_no_harm),
+        BOTH_LAWS(cap_and_slew_reach_the_output),
         cmocka_unit_test(unfactorable_block_keeps_the_last_force_and_says_so),
-        cmocka_unit_test(reset_forgets_and_repeats),
-        cmocka_unit_test(forces_do_not_depend_on_fields_readers_or_other_engines),
-        cmocka_unit_test(variants_of_the_kernel_give_the_same_frame),
-        cmocka_unit_test(unread_frames_are_replaced_at_their_age),
-        cmocka_unit_test(model_without_rows_gives_forces_alone),
+        BOTH_LAWS(reset_forgets_and_repeats),
+        BOTH_LAWS(forces_do_not_depend_on_fields_readers_or_other_engines),
+        BOTH_LAWS(variants_of_the_kernel_give_the_same_frame),
+        BOTH_LAWS(unread_frames_are_replaced_at_their_age),
+        BOTH_LAWS(model_without_rows_gives_forces_alone),
         cmocka_unit_test(definitions_are_checked),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

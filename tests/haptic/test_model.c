@@ -364,6 +364,8 @@ static void check_finds_every_kind_of_damage(void **state) {
     REFUSED_VALUE(m->runtime.tool_count, 9);
     REFUSED_VALUE(m->runtime.max_contacts, -1);
     REFUSED_VALUE(m->runtime.field_by, (pal_field_by)2);
+    REFUSED_VALUE(m->runtime.contact_law, (pal_contact_kind)2);
+    REFUSED_VALUE(m->runtime.contact_points, 65);
     REFUSED_VALUE(m->runtime.servo_rate, NAN);
     REFUSED_VALUE(m->runtime.tools[0].name[0], 0);
     REFUSED_VALUE(m->runtime.tools[0].shape, (pal_shape_kind)7);

@@ -222,6 +222,8 @@ static void assert_same_models(const pal_model *a, const pal_model *b) {
     assert_int_equal(a->runtime.max_contacts, b->runtime.max_contacts);
     assert_int_equal(a->runtime.field_by, b->runtime.field_by);
     assert_memory_equal(&a->runtime.watchdog, &b->runtime.watchdog, sizeof a->runtime.watchdog);
+    assert_int_equal(a->runtime.contact_law, b->runtime.contact_law);
+    assert_int_equal(a->runtime.contact_points, b->runtime.contact_points);
     SAME(position, 3 * i->node_count);
     SAME(normal, 3 * i->surface_count);
     SAME(area_vector, 3 * i->surface_count);

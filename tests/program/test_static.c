@@ -52,7 +52,7 @@ static void a_slow_press_ends_in_the_static_solution(void **state) {
     // 3 mm in 1 s, a little aside so that nothing is symmetric
     run_ok("precompute %s/scenes/hemisphere.yaml -q -o %s --set body.patches.pole.rim_spacing=0.002 "
            "--set 'tools.probe.device={scripted: {kind: press, depth: 0.003, ramp: 1}}' "
-           "--set 'tools.probe.start=[0.0021, -0.0013, 0.054]'",
+           "--set contact.law=nodes --set 'tools.probe.start=[0.0021, -0.0013, 0.054]'",
            program_source(), model);
     run_ok("run %s --for 1.2 --no-draw --no-realtime --record %s", model, record);
 
@@ -77,6 +77,7 @@ static void a_slow_press_ends_in_the_static_solution(void **state) {
     r.def.tools = runtime->tools;
     r.def.tool_count = 1;
     r.def.max_contacts = runtime->max_contacts;
+    r.def.contact_law = runtime->contact_law;
     assert_int_equal(pal_engine_create(r.model, &r.def, &r.engine, &e), PALPATE_OK);
     pal_tool_force out = {0};
     for (int64_t i = 0; i < n; i++) {

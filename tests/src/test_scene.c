@@ -142,6 +142,7 @@ static void the_designs_example_fills_every_field(void **state) {
     assert_true(t->radius == 0.004 && t->limits.force == 3.3 && t->limits.slew == 100);
     assert_true(t->has_start && t->start[2] == 0.054 && t->axis[2] == -1);
     assert_true(r->servo_rate == 1000 && r->render_rate == 30 && r->max_contacts == 32);
+    assert_true(r->contact_law == PALPATE_CONTACT_SURFACE && r->contact_points == 16);
     pal_scene_free(s);
 }
 
@@ -311,6 +312,8 @@ static const pair PAIRS[] = {
     {"watchdog.speed", "watchdog.speed=auto", "watchdog.speed=3"},
     {"watchdog.ramp_down", "watchdog.ramp_down=0.01", "watchdog.ramp_down=0.03"},
     {"watchdog.ramp_up", "watchdog.ramp_up=0.01", "watchdog.ramp_up=0.03"},
+    {"contact.law", "contact.law=surface", "contact.law=nodes"},
+    {"contact.points", "contact.points=1", "contact.points=2"},
     {"max_contacts", "max_contacts=1", "max_contacts=2"},
 };
 
@@ -385,7 +388,9 @@ static int differ(const char *a, const char *b) {
                one->runtime.field_by != two->runtime.field_by ||
                one->runtime.max_contacts != two->runtime.max_contacts ||
                memcmp(&one->runtime.watchdog, &two->runtime.watchdog,
-                      sizeof one->runtime.watchdog) != 0;
+                      sizeof one->runtime.watchdog) != 0 ||
+               one->runtime.contact_law != two->runtime.contact_law ||
+               one->runtime.contact_points != two->runtime.contact_points;
     pal_scene_free(one);
     pal_scene_free(two);
     return differs;

@@ -12,6 +12,20 @@
 #include <stdlib.h>
 #include <string.h>
 
+pal_contact_kind rig_law = PALPATE_CONTACT_NODES;
+
+int rig_surface_law(void **state) {
+    (void)state;
+    rig_law = PALPATE_CONTACT_SURFACE;
+    return 0;
+}
+
+int rig_nodes_law(void **state) {
+    (void)state;
+    rig_law = PALPATE_CONTACT_NODES;
+    return 0;
+}
+
 void rig_model(rig *r, int32_t n, pal_precision precision, double skew) {
     memset(r, 0, sizeof *r);
     synthetic_params p = synthetic_default_params();
@@ -26,6 +40,7 @@ void rig_model(rig *r, int32_t n, pal_precision precision, double skew) {
     r->def.tool_count = 1;
     r->def.tools = r->tools;
     r->def.frame_age = 1;
+    r->def.contact_law = rig_law;
 }
 
 void rig_engine(rig *r) {

@@ -12,6 +12,12 @@ typedef struct rig {
     pal_engine *engine;
 } rig;
 
+/// Contact law that rig_model puts into r->def: the nodal one unless a test's setup says otherwise.
+extern pal_contact_kind rig_law;
+/// cmocka setup: rig_law = PALPATE_CONTACT_SURFACE; teardown: PALPATE_CONTACT_NODES.
+int rig_surface_law(void **state);
+int rig_nodes_law(void **state);
+
 /// n x n touchable nodes 2 mm apart, a node at the origin when n is odd; one sphere tool, radius 4
 /// mm. Aborts the test when out of memory.
 void rig_model(rig *r, int32_t n, pal_precision precision, double skew);

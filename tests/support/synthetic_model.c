@@ -433,6 +433,8 @@ static void make_runtime(pal_model *model, const synthetic_params *p) {
     runtime->servo_rate = 1000;
     runtime->render_rate = 30;
     runtime->max_contacts = 32;
+    runtime->contact_law = PALPATE_CONTACT_SURFACE;
+    runtime->contact_points = 16;
     runtime->tools[0] = (pal_tool_def){.name = "probe",
                                        .shape = PALPATE_SHAPE_SPHERE,
                                        .radius = 2 * h,

@@ -1,0 +1,294 @@
+/// @file contact_anywhere.c  Contact law "surface": contact points anywhere on the rest surface.
+///
+/// Each tool carries a pattern of contact points that moves and grows with it (contact_touch.c).
+/// Displacement at a point is interpolated from the nodes around it, u = Phi U, and its force acts on
+/// them with the same weights, F = Phi^T f (virtual work), so the compliance between points is Phi C
+/// Phi^T, of which the part that the nodes cannot resolve is replaced by the half-space's own
+/// (working_set.h, contact_system.c). Contact is linearised about the rest shape: forces act along the
+/// rest surface's normals, and gaps w = q + M z and forces z are complementary (complementarity.h), for
+/// all tools in one system, coupled through the body.
+///
+/// Virtual coupling, solved together with the contact. Device at p_d, proxy at p, spring k, damper b,
+/// period h; backward Euler for the damper makes the coupling a spring to a free position:
+///     f = k (p_d - p) + b/h ((p_d - p_d') - (p - p')) = k_eff (p_free - p),   k_eff = k + b/h,
+///     p_free = (k p_d + b/h (p' + p_d - p_d')) / k_eff      (': last tick)
+/// A massless proxy balances contact and coupling, f = sum of contact forces, which is 1/k_eff between
+/// all points of the tool in M and gaps taken at p_free. The proxy has the device's orientation.
+///
+/// Torque. The force of a frictionless contact passes through the centre of the ball it comes from, so a
+/// sphere and a point feel none and a capsule that of forces at its axis.
+///
+/// Memory: one block. Everything is bounded by counts; no state but the last tick's.
+#include "haptic/contact_anywhere.h"
+
+#include <string.h>
+
+#include "haptic/error.h"
+#include "haptic/pose.h"
+
+enum { LINE = 64, NODES_PER_POINT = 14, NODES_SPARE = 24, WEIGHT_NODES = PALPATE_WEIGHTS_NODES };
+
+// ---- Definition ---------------------------------------------------------------------------------
+
+static pal_status anywhere_check(const pal_model *model, const pal_contact_def *def,
+                                 pal_error *error) {
+    (void)model;
+    for (int32_t t = 0; t < def->tool_count; t++) {
+        const pal_tool_def *tool = &def->tools[t];
+        if (tool->friction > 0.0) {
+            return pal_fail(error, PALPATE_ERROR_UNSUPPORTED,
+                            "tools[%d].friction: %g: friction is not built yet; use 0", (int)t,
+                            tool->friction);
+        }
+        if (!(tool->coupling_stiffness >= 0.0 && isfinite(tool->coupling_stiffness)) ||
+            !(tool->coupling_damping >= 0.0 && isfinite(tool->coupling_damping))) {
+            return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                            "tools[%d].coupling: stiffness %g N/m, damping %g N s/m: must not be "
+                            "negative (stiffness 0: no coupling)",
+                            (int)t, tool->coupling_stiffness, tool->coupling_damping);
+        }
+    }
+    return PALPATE_OK;
+}
+
+/// Contact points of one tool: `points`, but all tools together max_contacts at most.
+static int32_t share(const pal_contact_def *def) {
+    int32_t points = def->points < PALPATE_POINTS_MAX ? def->points : PALPATE_POINTS_MAX;
+    int32_t each = def->max_contacts / def->tool_count;
+    points = each < points ? each : points;
+    return points > 1 ? points : 1;
+}
+
+static int32_t point_capacity(const pal_contact_def *def) {
+    return def->tool_count * share(def);
+}
+
+static int32_t node_capacity(const pal_model *model, const pal_contact_def *def) {
+    int32_t want = NODES_PER_POINT * point_capacity(def) + NODES_SPARE;
+    return want < model->info.column_count ? want : model->info.column_count;
+}
+
+/// Stations and patterns of a tool with `points` contact points.
+static void lay_out(anywhere_tool *tool, const pal_tool_def *def, int32_t first, int32_t points) {
+    memset(tool, 0, sizeof *tool);
+    pal_pattern_init(&tool->pattern, def->shape == PALPATE_SHAPE_POINT ? 1 : points);
+    tool->stations = 1;
+    tool->station[0] = (anywhere_station){.first = first, .points = tool->pattern.count};
+    tool->station[0].at.triangle = -1;
+    if (def->shape != PALPATE_SHAPE_CAPSULE || !(def->length > 0.0)) {
+        return;
+    }
+    // a ball at each end, the tip first, and single points along the shaft between
+    int32_t ends = points >= 12 ? 6 : 1, rest = points - 2 * ends;
+    int32_t inner = rest < PALPATE_STATIONS_MAX - 2 ? rest : PALPATE_STATIONS_MAX - 2;
+    inner = inner > 0 ? inner : 0;
+    pal_pattern_init(&tool->pattern, ends);
+    tool->stations = points > 1 ? inner + 2 : 1;
+    for (int32_t k = 0; k < tool->stations; k++) {
+        anywhere_station *s = &tool->station[k];
+        *s = (anywhere_station){.first = first, .points = k < 2 ? tool->pattern.count : 1};
+        s->at.triangle = -1;
+        s->along = k == 0   ? -0.5 * def->length
+                   : k == 1 ? 0.5 * def->length
+                            : def->length * ((k - 1.0) / (inner + 1.0) - 0.5);
+        s->length = k < 2 ? 0.0 : def->length / (inner + 1.0);
+        first += s->points;
+    }
+}
+
+// ---- Memory -------------------------------------------------------------------------------------
+
+static size_t padded(size_t bytes) {
+    return (bytes + LINE - 1) / LINE * LINE;
+}
+
+static void *take(unsigned char **at, size_t bytes) {
+    void *here = *at;
+    *at += padded(bytes);
+    return here;
+}
+
+static size_t y_stride(const pal_model *model, const pal_contact_def *def) {
+    return padded(3 * (size_t)node_capacity(model, def) * sizeof(double)) / sizeof(double);
+}
+
+static size_t anywhere_bytes(const pal_model *model, const pal_contact_def *def) {
+    size_t points = (size_t)point_capacity(def), rows = 3 * points;
+    size_t nodes = 3 * (size_t)node_capacity(model, def);
+    return padded(sizeof(anywhere_law)) + pal_rest_bytes(model) + pal_weights_bytes(model) +
+           pal_working_set_bytes(model, node_capacity(model, def)) +
+           padded(points * sizeof(anywhere_point)) + padded(rows * sizeof(anywhere_row)) +
+           padded(rows * y_stride(model, def) * sizeof(double)) +
+           padded(rows * rows * sizeof(double)) + 3 * padded(rows * sizeof(double)) +
+           padded(rows) + padded(points) + padded(pal_lcp_bytes((int32_t)rows)) +
+           2 * padded(nodes * sizeof(double)) + padded(nodes * sizeof(int32_t));
+}
+
+static void anywhere_reset(void *self) {
+    anywhere_law *law = self;
+    int32_t each = share(&law->def);
+    pal_working_set_clear(&law->set);
+    memset(law->touching, 0, (size_t)law->capacity);
+    law->points = law->rows = 0;
+    for (int32_t t = 0; t < law->def.tool_count; t++) {
+        const pal_tool_def *def = &law->def.tools[t];
+        anywhere_tool *tool = &law->tool[t];
+        lay_out(tool, def, t * each, each);
+        if (def->coupling_stiffness > 0.0) {
+            tool->damping = def->coupling_damping / law->def.period;
+            tool->yield = 1.0 / (def->coupling_stiffness + tool->damping);
+        }
+    }
+}
+
+static void *anywhere_init(void *memory, const pal_model *model, const pal_contact_def *def) {
+    size_t points = (size_t)point_capacity(def), rows = 3 * points;
+    size_t nodes = 3 * (size_t)node_capacity(model, def);
+    unsigned char *at = memory;
+    memset(memory, 0, anywhere_bytes(model, def));
+    anywhere_law *law = take(&at, sizeof *law);
+    law->def = *def;
+    law->model = model;
+    law->capacity = (int32_t)points;
+    law->ld = (int32_t)y_stride(model, def);
+    double nu = model->info.poisson;
+    law->modulus = fabs(nu) < 1.0 ? model->info.young / (1.0 - nu * nu) : 0.0;
+    law->spacing = model->info.spacing_mean;
+    pal_rest_init(&law->surface, model, take(&at, pal_rest_bytes(model)));
+    pal_weights_init(&law->weights, model, &law->surface, WEIGHT_NODES, PALPATE_WEIGHTS_POWER,
+                     take(&at, pal_weights_bytes(model)));
+    pal_working_set_init(&law->set, model, node_capacity(model, def),
+                         take(&at, pal_working_set_bytes(model, node_capacity(model, def))));
+    law->point = take(&at, points * sizeof *law->point);
+    law->row = take(&at, rows * sizeof *law->row);
+    law->y = take(&at, rows * y_stride(model, def) * sizeof(double));
+    law->m = take(&at, rows * rows * sizeof(double));
+    law->q = take(&at, rows * sizeof(double));
+    law->z = take(&at, rows * sizeof(double));
+    law->w = take(&at, rows * sizeof(double));
+    law->active = take(&at, rows);
+    law->touching = take(&at, points);
+    law->work = take(&at, pal_lcp_bytes((int32_t)rows));
+    law->nodal = take(&at, nodes * sizeof(double));
+    law->force = take(&at, nodes * sizeof(double));
+    law->dof = take(&at, nodes * sizeof(int32_t));
+    anywhere_reset(law);
+    return law;
+}
+
+// ---- Tick ---------------------------------------------------------------------------------------
+
+/// Where the coupling alone would put tool t.
+static void place(anywhere_law *law, int32_t t, const pal_pose *device) {
+    anywhere_tool *tool = &law->tool[t];
+    const pal_tool_def *def = &law->def.tools[t];
+    tool->free = *device;
+    if (tool->yield > 0.0 && tool->has_before) {
+        for (int i = 0; i < 3; i++) {
+            double moved = tool->proxy[i] + device->position[i] - tool->device[i];
+            tool->free.position[i] = (def->coupling_stiffness * device->position[i] +
+                                      tool->damping * moved) *
+                                     tool->yield;
+        }
+    }
+    memcpy(tool->device, device->position, sizeof tool->device);
+    tool->solid = pal_solid_place(def, &tool->free);
+}
+
+/// Torque about the tool's origin of a frictionless force at x: it acts at the axis.
+static void add_torque(const anywhere_tool *tool, const double x[3], const double f[3],
+                       double torque[3]) {
+    const pal_solid *solid = &tool->solid;
+    double p[3] = {x[0] - solid->center[0], x[1] - solid->center[1], x[2] - solid->center[2]};
+    double s = dot(p, solid->axis);
+    s = s < -solid->half ? -solid->half : s > solid->half ? solid->half : s;
+    const double *a = solid->axis;
+    torque[0] += s * (a[1] * f[2] - a[2] * f[1]);
+    torque[1] += s * (a[2] * f[0] - a[0] * f[2]);
+    torque[2] += s * (a[0] * f[1] - a[1] * f[0]);
+}
+
+static void summarise(anywhere_law *law, pal_contact_result *result) {
+    double weight[PALPATE_TOOLS_MAX] = {0.0};
+    for (int32_t r = 0; r < law->rows; r++) {
+        const anywhere_point *point = &law->point[law->row[r].point];
+        pal_contact_wrench *w = &result->tool[point->tool];
+        double z = law->z[r], f[3];
+        if (!(z > 0.0)) {
+            continue;
+        }
+        for (int i = 0; i < 3; i++) {
+            f[i] = z * law->row[r].along[i];
+            w->force[i] += f[i];
+            w->centroid[i] += z * point->x[i];
+            w->normal[i] += z * point->normal[i];
+        }
+        add_torque(&law->tool[point->tool], point->x, f, w->torque);
+        weight[point->tool] += z;
+        w->count++;
+    }
+    for (int32_t t = 0; t < law->def.tool_count; t++) {
+        pal_contact_wrench *w = &result->tool[t];
+        double length = sqrt(dot(w->normal, w->normal));
+        for (int i = 0; i < 3 && weight[t] > 0.0; i++) {
+            w->centroid[i] /= weight[t];
+            w->normal[i] = length > 0.0 ? w->normal[i] / length : 0.0;
+        }
+    }
+}
+
+static void finish(anywhere_law *law, int32_t t, const pal_contact_tool *in,
+                   pal_contact_wrench *w) {
+    anywhere_tool *tool = &law->tool[t];
+    double back[3];
+    w->fault |= law->fault[t];
+    w->proxy = tool->free;
+    tool->has_before = in->present;
+    for (int i = 0; i < 3; i++) {
+        back[i] = tool->yield * w->force[i];
+        tool->proxy[i] = w->proxy.position[i] = tool->free.position[i] - back[i];
+    }
+    for (int32_t k = 0; k < tool->stations && w->count > 0; k++) {
+        const anywhere_station *s = &tool->station[k];
+        double depth = s->engaged ? s->depth + dot(back, s->at.normal) : 0.0;
+        w->depth = depth > w->depth ? depth : w->depth;
+    }
+}
+
+static void anywhere_solve(void *self, const pal_contact_tool tools[], pal_contact_result *result) {
+    anywhere_law *law = self;
+    *result = (pal_contact_result){0};
+    memset(law->fault, 0, sizeof law->fault);
+    law->points = law->dropped = 0;
+    for (int32_t t = 0; t < law->def.tool_count; t++) {
+        anywhere_tool *tool = &law->tool[t];
+        if (tools[t].present) {
+            place(law, t, &tools[t].pose);
+            pal_anywhere_touch(law, t);
+        } else {
+            for (int32_t k = 0; k < tool->stations; k++) {
+                tool->station[k].known = tool->station[k].engaged = 0;
+            }
+        }
+    }
+    pal_anywhere_gather(law);
+    pal_anywhere_assemble(law);
+    result->iterations = pal_anywhere_solve(law);
+    result->dof_count = pal_anywhere_distribute(law);
+    result->dof = law->dof;
+    result->force = law->force;
+    result->dropped = law->dropped;
+    summarise(law, result);
+    for (int32_t t = 0; t < law->def.tool_count; t++) {
+        finish(law, t, &tools[t], &result->tool[t]);
+    }
+}
+
+const pal_contact_law pal_contact_anywhere = {
+    .name = "surface",
+    .check = anywhere_check,
+    .bytes = anywhere_bytes,
+    .init = anywhere_init,
+    .solve = anywhere_solve,
+    .reset = anywhere_reset,
+};

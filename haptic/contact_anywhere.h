@@ -1,0 +1,120 @@
+/// @file contact_anywhere.h  Data and parts of the contact law "surface" (private to contact_*.c).
+///
+/// contact_anywhere.c explains the law and holds its memory and its tick; contact_touch.c finds where
+/// tools overlap the rest surface and spreads contact points there; contact_system.c builds the
+/// compliance between the points and solves it.
+#ifndef PALPATE_HAPTIC_CONTACT_ANYWHERE_H
+#define PALPATE_HAPTIC_CONTACT_ANYWHERE_H
+
+#include <math.h>
+
+#include "haptic/complementarity.h"
+#include "haptic/contact.h"
+#include "haptic/contact_pattern.h"
+#include "haptic/contact_surface.h"
+#include "haptic/contact_weights.h"
+#include "haptic/solid.h"
+#include "haptic/working_set.h"
+
+enum { PALPATE_STATIONS_MAX = 18, PALPATE_POINTS_MAX = 64 };
+
+/// A ball of the tool: its own contact with the surface, and the pattern of points under it. A sphere or
+/// point is one station, a capsule a row of them along its axis.
+typedef struct anywhere_station {
+    double along;   ///< place on the tool's axis [m], tip end negative
+    double length;  ///< of the shaft it stands for [m]; 0: a ball of its own
+    int32_t first;  ///< identity of its first point
+    int32_t points; ///< size of its pattern
+    // ---- state
+    pal_surface_point at; ///< below it in the last tick; triangle -1: unknown
+    double across[3];     ///< first direction of its pattern, carried from tick to tick
+    double centre[3];     ///< in the last tick [m]
+    int known;            ///< centre and outside are those of the last tick
+    int outside;          ///< the centre was outside the body, or came from there
+    int engaged;          ///< it touches
+    // ---- of this tick
+    double depth; ///< overlap with the rest surface before coupling gives way [m]
+} anywhere_station;
+
+/// A contact point of this tick.
+typedef struct anywhere_point {
+    int32_t tool;
+    int32_t id;       ///< the same from tick to tick
+    double x[3];      ///< on the rest surface [m]
+    double normal[3]; ///< outward
+    double gap;       ///< along the normal, with the tool at its free pose; negative: overlap [m]
+    double area;      ///< [m^2]
+    double width;     ///< w: compliance with itself is coefficient / (2 w) [m]
+    double fade;      ///< 0..1: towards the rim of the touchable region it grows infinitely soft
+    pal_weights phi;
+    int32_t slot[PALPATE_WEIGHTS_MAX]; ///< of phi's nodes in the working set
+} anywhere_point;
+
+/// A force component: at a point, along a unit direction, on the body.
+typedef struct anywhere_row {
+    int32_t point;
+    double along[3];
+} anywhere_row;
+
+typedef struct anywhere_tool {
+    anywhere_station station[PALPATE_STATIONS_MAX];
+    int32_t stations;
+    pal_pattern pattern; ///< of its balls
+    double yield;        ///< 1 / k_eff of the coupling [m/N]; 0: rigid
+    double damping;      ///< b / period [N/m]
+    // ---- state
+    int has_before;
+    double device[3]; ///< device position in the last tick [m]
+    double proxy[3];  ///< proxy position in the last tick [m]
+    // ---- of this tick
+    pal_pose free;   ///< where the coupling alone would put the proxy
+    pal_solid solid; ///< there
+} anywhere_tool;
+
+typedef struct anywhere_law {
+    pal_contact_def def;
+    const pal_model *model;
+    pal_rest_surface surface;
+    pal_weights_table weights;
+    pal_working_set set;
+    double spacing; ///< mean node spacing [m]
+    double modulus; ///< E / (1 - nu^2) [Pa]
+    anywhere_tool tool[PALPATE_TOOLS_MAX];
+    int32_t capacity; ///< points
+    int32_t points;
+    int32_t dropped; ///< points left out in this tick
+    uint32_t fault[PALPATE_TOOLS_MAX];
+    anywhere_point *point; ///< shape [capacity]
+    // ---- contact_system.c
+    int32_t rows;
+    anywhere_row *row; ///< shape [3 capacity]
+    int32_t ld;        ///< of y
+    double *y;         ///< R Phi^T e of each row, shape [ld, 3 capacity] [m/N]
+    double *m;         ///< compliance of the rows, column-major, ld = rows [m/N]
+    double *q, *z, *w; ///< shape [3 capacity]
+    uint8_t *active;   ///< of the rows
+    uint8_t *touching; ///< by point identity: carried force in the last tick, shape [capacity]
+    void *work;
+    double *nodal;  ///< force on the nodes of the working set [N], shape [3 set.capacity]
+    int32_t *dof;   ///< shape [3 set.capacity]
+    double *force;  ///< shape [3 set.capacity]
+} anywhere_law;
+
+/// The contact points of tool t at its free pose: appended to law->point.
+void pal_anywhere_touch(anywhere_law *law, int32_t t);
+
+/// Put the points' nodes into the working set; points that do not fit are dropped.
+void pal_anywhere_gather(anywhere_law *law);
+/// Rows, their compliance, gaps.
+void pal_anywhere_assemble(anywhere_law *law);
+/// Solve for z. @return iterations; fault bits are put into law->fault
+int32_t pal_anywhere_solve(anywhere_law *law);
+/// Nodal forces Phi^T f of the solution into law->nodal, and those that are not 0 into dof, force.
+/// @return number of entries
+int32_t pal_anywhere_distribute(anywhere_law *law);
+
+static inline double dot(const double a[3], const double b[3]) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+#endif

@@ -1,0 +1,203 @@
+/// @file contact_touch.c  Law "surface": where a tool overlaps the rest surface, and the points there.
+///
+/// Station. Each ball of a tool (centre p, radius R) has a foot c on the smooth rest surface with the
+/// normal n through p; its height h = (p - c).n, its overlap d = R - h. It is followed from tick to tick
+/// on its own branch of the surface, so a tool pressed past the middle of a thin organ keeps the side it
+/// came from. Contact begins only for a ball whose centre was outside the body.
+///
+/// Coupling. Behind a virtual coupling the pose handed in is the free one: where the proxy would be
+/// without contact. Against a stiff body it lies deep inside, so the foot is looked for from the height
+/// of the last proxy, and the pattern's size follows the depth D at which Hertz's force on a half-space
+/// balances the coupling, k (d - D) = 4/3 E* sqrt(R) D^(3/2). Neither enters the balance of forces
+/// itself, which takes the gaps at the free pose and the coupling's compliance (contact_system.c).
+///
+/// Points. Pattern places a (u e1 + v e2) around c, a = pal_pattern_radius(R, D), are moved along n onto
+/// the surface: x_i with its own normal n_i. The gap of x_i is the height of the tool's solid over it
+/// along n, times n.n_i. e1 is carried along the surface without turning about n.
+#include <string.h>
+
+#include "haptic/contact_anywhere.h"
+#include "haptic/pose.h"
+
+static const double TURN_MIN = 0.15, TURN_FULL = 0.4; // cosine between n and n_i: fade
+
+/// 0 below a, 1 above b, smooth between.
+static double ramp(double x, double a, double b) {
+    double s = (x - a) / (b - a);
+    s = s < 0.0 ? 0.0 : s > 1.0 ? 1.0 : s;
+    return s * s * (3.0 - 2.0 * s);
+}
+
+/// D: depth at which a ball on a half-space balances the coupling. Newton on s = sqrt(D), from above.
+static double balanced_depth(double depth, double ball, double modulus, double yield) {
+    if (yield == 0.0 || !(ball > 0.0)) {
+        return depth;
+    }
+    double h = 4.0 / 3.0 * modulus * sqrt(ball) * yield, s = sqrt(depth);
+    for (int i = 0; i < 24; i++) {
+        double f = (h * s + 1.0) * s * s - depth, slope = (3.0 * h * s + 2.0) * s;
+        s -= slope > 0.0 ? f / slope : 0.0;
+    }
+    return s * s < depth ? s * s : depth;
+}
+
+/// Foot of the centre p. @return 1; 0 without one
+static int find_foot(anywhere_law *law, anywhere_station *s, const double p[3], double ball) {
+    double travel = 0.0;
+    for (int i = 0; s->known && i < 3; i++) {
+        travel += (p[i] - s->centre[i]) * (p[i] - s->centre[i]);
+    }
+    travel = sqrt(travel);
+    const double *low = law->model->info.bounds_min, *high = law->model->info.bounds_max;
+    double size[3] = {high[0] - low[0], high[1] - low[1], high[2] - low[2]};
+    double all = sqrt(dot(size, size)) + ball + travel;
+    pal_surface_point at = s->at;
+    int found = s->engaged && pal_rest_track(&law->surface, p, all, &s->at, &at);
+    if (!found) {
+        double reach = s->known && !s->engaged ? ball + travel + 0.1 * law->spacing : all;
+        found = pal_rest_closest(&law->surface, p, reach, s->at.triangle, &at);
+        s->engaged = 0;
+    }
+    if (!found) {
+        s->outside = s->known ? s->outside : 1;
+        s->at.triangle = -1;
+    } else {
+        if (!s->engaged) {
+            // the first time: a tool may start pressed in, its centre not deeper than its radius
+            s->outside = s->known ? s->outside || at.distance > 0.0 : at.distance > -ball;
+        }
+        s->at = at;
+    }
+    memcpy(s->centre, p, sizeof s->centre);
+    s->known = 1;
+    return found;
+}
+
+/// e1 in the plane across n.
+static void carry_frame(anywhere_station *s, const double n[3], int fresh) {
+    double *e = s->across;
+    double along = dot(e, n), length = 0.0;
+    for (int pass = fresh; pass < 3; pass++) {
+        if (pass > 0) { // the axis that is most across n
+            int axis = fabs(n[0]) <= fabs(n[1]) ? (fabs(n[0]) <= fabs(n[2]) ? 0 : 2)
+                                                : (fabs(n[1]) <= fabs(n[2]) ? 1 : 2);
+            e[0] = e[1] = e[2] = 0.0;
+            e[axis] = 1.0;
+            along = n[axis];
+        }
+        for (int i = 0; i < 3; i++) {
+            e[i] -= along * n[i];
+        }
+        length = sqrt(dot(e, e));
+        if (length > 0.1) {
+            break;
+        }
+    }
+    for (int i = 0; i < 3; i++) {
+        e[i] /= length;
+    }
+}
+
+/// Area of a point tool: that of the nodes around it.
+static double node_area(const pal_model *model, const pal_weights *phi) {
+    double sum = 0.0;
+    for (int32_t k = 0; k < phi->count; k++) {
+        const double *a = model->area_vector + 3 * (size_t)model->column_node[phi->column[k]];
+        sum += phi->phi[k] * sqrt(dot(a, a));
+    }
+    return sum;
+}
+
+/// Append the point at surface place `at` (cell `area` seen along n; <= 0: that of a node).
+static void add_point(anywhere_law *law, int32_t t, const anywhere_station *s, int32_t k,
+                      const pal_surface_point *at, double area, double self) {
+    const anywhere_tool *tool = &law->tool[t];
+    const double *n = s->at.normal;
+    double facing = dot(at->normal, n), near, far, down[3] = {-n[0], -n[1], -n[2]};
+    double fade = ramp(at->inside, 0.0, law->spacing) * ramp(facing, TURN_MIN, TURN_FULL);
+    if (!(fade > 1e-6) || !pal_solid_chord(&tool->solid, at->position, down, &near, &far)) {
+        return;
+    }
+    anywhere_point *point = &law->point[law->points];
+    if (pal_weights_at(&law->weights, at, 0.0, &point->phi) == 0) {
+        return;
+    }
+    if (!(area > 0.0)) {
+        area = node_area(law->model, &point->phi);
+    }
+    point->tool = t;
+    point->id = s->first + k;
+    memcpy(point->x, at->position, sizeof point->x);
+    memcpy(point->normal, at->normal, sizeof point->normal);
+    point->gap = -far * facing;
+    point->area = area / facing;
+    point->width = sqrt(point->area) / (2.0 * self);
+    point->fade = fade;
+    law->points += point->width > 0.0;
+}
+
+static void spread(anywhere_law *law, int32_t t, anywhere_station *s, double ball, double depth) {
+    const anywhere_tool *tool = &law->tool[t];
+    double a = pal_pattern_radius(ball, depth);
+    if (s->points == 1) {
+        double area = ball == 0.0      ? 0.0
+                      : s->length > 0.0 ? 1.4 * a * s->length
+                                        : 3.14159265358979324 * a * a;
+        double self = ball == 0.0 || s->length > 0.0 ? PALPATE_LATTICE : tool->pattern.self;
+        add_point(law, t, s, 0, &s->at, area, self);
+        return;
+    }
+    const double *n = s->at.normal, *e = s->across;
+    double f[3] = {n[1] * e[2] - n[2] * e[1], n[2] * e[0] - n[0] * e[2], n[0] * e[1] - n[1] * e[0]};
+    for (int32_t k = 0; k < s->points; k++) {
+        const double *uv = tool->pattern.at[k];
+        pal_surface_point at = s->at;
+        if (k > 0) {
+            double origin[3];
+            for (int i = 0; i < 3; i++) {
+                origin[i] = s->at.position[i] + a * (uv[0] * e[i] + uv[1] * f[i]);
+            }
+            if (!pal_rest_project(&law->surface, origin, n, 2.0 * ball + a, TURN_MIN,
+                                  s->at.triangle, &at)) {
+                continue;
+            }
+        }
+        add_point(law, t, s, k, &at, tool->pattern.share * a * a, tool->pattern.self);
+    }
+}
+
+void pal_anywhere_touch(anywhere_law *law, int32_t t) {
+    anywhere_tool *tool = &law->tool[t];
+    double ball = tool->solid.radius;
+    for (int32_t k = 0; k < tool->stations; k++) {
+        anywhere_station *s = &tool->station[k];
+        double p[3], from[3], back[3];
+        for (int i = 0; i < 3; i++) {
+            p[i] = tool->free.position[i] + s->along * tool->solid.axis[i];
+            back[i] = tool->proxy[i] - tool->free.position[i];
+        }
+        int fresh = !s->engaged;
+        double lift = s->engaged && tool->yield > 0.0 ? dot(back, s->at.normal) : 0.0;
+        for (int i = 0; i < 3; i++) {
+            from[i] = p[i] + (lift != 0.0 ? lift * s->at.normal[i] : 0.0);
+        }
+        int found = find_foot(law, s, from, ball);
+        s->depth = 0.0;
+        if (!found) {
+            s->engaged = 0;
+            continue;
+        }
+        double arm[3];
+        for (int i = 0; i < 3; i++) {
+            arm[i] = p[i] - s->at.position[i];
+        }
+        double depth = ball - dot(arm, s->at.normal);
+        s->engaged = s->outside && depth > 0.0;
+        if (!s->engaged) {
+            continue;
+        }
+        s->depth = depth;
+        carry_frame(s, s->at.normal, fresh);
+        spread(law, t, s, ball, balanced_depth(depth, ball, law->modulus, tool->yield));
+    }
+}
