@@ -115,12 +115,13 @@ enum { TICKS = 4000 };
 /// Three tools of all shapes that press, slide, grasp, leave, send NaN, and overflow max_contacts.
 static void make(rig *r, double skew) {
     rig_model(r, 13, PALPATE_PRECISION_SINGLE, skew);
-    r->tools[0].limits = (pal_tool_limits){.force = 0.2, .slew = 0.05, .torque = 1e-4};
+    r->tools[0].limits = (pal_tool_limits){.force = 0.1, .slew = 0.002, .torque = 1e-4};
     r->tools[1] = (pal_tool_def){.name = "tip", .shape = PALPATE_SHAPE_POINT};
     r->tools[2] = (pal_tool_def){
-        .name = "shaft", .shape = PALPATE_SHAPE_CAPSULE, .radius = 0.003, .length = 0.01};
+        .name = "shaft", .shape = PALPATE_SHAPE_CAPSULE, .radius = 0.003, .length = 0.01,
+        .limits = {.torque = 1e-6}};
     r->def.tool_count = 3;
-    r->def.max_contacts = 12;
+    r->def.max_contacts = rig_law == PALPATE_CONTACT_NODES ? 12 : 48; // too few; 16 points a tool
     rig_engine(r);
 }
 
