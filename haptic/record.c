@@ -12,7 +12,7 @@
 #include "haptic/model.h"
 #include "haptic/render_thread.h"
 
-enum { BATCH = 256, WHEN = 16384, DRAIN_NS = 10000000, SYNC_NS = 1000000000, IDLE_NS = 50000 };
+enum { BATCH = 256, WHEN = 16384, DRAIN_NS = 10000000, SYNC_NS = 1000000000, FAULT_SYNC_NS = 100000000, IDLE_NS = 50000 };
 
 /// Stored rows that lie on the surface: surface nodes come first and rows ascend, so a prefix.
 static int32_t surface_rows(const pal_model *model) {
@@ -182,6 +182,9 @@ static int64_t drain(pal_recorder *r) {
             r->when[front[i].tick % WHEN].tick = front[i].tick;
             r->when[front[i].tick % WHEN].time_ns = front[i].time_ns;
             r->last_tick = front[i].tick;
+            uint32_t *last = &r->last_fault[front[i].tool];
+            r->sync_now |= (front[i].fault & ~*last & PALPATE_DUMP_FAULTS) != 0;
+            *last = front[i].fault;
             r->batch[i].check =
                 pal_item_check(&front[i], sizeof front[i], r->ticks.items + (uint64_t)i);
         }
@@ -239,6 +242,7 @@ static void sync_files(pal_recorder *r) {
 
 static void run_realtime(pal_recorder *r) {
     int64_t now = pal_rt_now(), next_frame = now + r->frame_period_ns, next_sync = now + SYNC_NS;
+    int64_t soonest = now; ///< next sync for a fault
     while (pal_sleep_while_running(r->servo, now + DRAIN_NS)) {
         (void)drain(r);
         now = pal_rt_now();
@@ -247,10 +251,12 @@ static void run_realtime(pal_recorder *r) {
             next_frame += r->frame_period_ns;
             next_frame = next_frame < now ? now : next_frame;
         }
-        if (now >= next_sync) {
+        if (now >= next_sync || (r->sync_now && now >= soonest)) {
             sync_files(r);
+            r->sync_now = 0;
             now = pal_rt_now();
             next_sync = now + SYNC_NS;
+            soonest = now + FAULT_SYNC_NS;
         }
     }
 }

@@ -29,6 +29,8 @@ typedef struct pal_recorder {
         int64_t time_ns;
     } * when;           ///< session time of recent ticks, by tick mod size
     uint64_t last_tick; ///< newest tick drained
+    uint32_t last_fault[PALPATE_TOOLS_MAX]; ///< of each tool's newest record
+    int32_t sync_now;                       ///< a fault has begun: to the disk with it
     _Atomic uint64_t records, records_lost, frames_done, frames_lost;
     _Atomic int32_t first_errno;
 } pal_recorder;

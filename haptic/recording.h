@@ -12,7 +12,8 @@
 /// to a full disk leave no hole; their tick numbers are missing.
 ///
 /// Durability: the recorder thread hands items to the kernel every 10 ms (what a killed process can
-/// lose) and to the disk every second and at the end (what a power cut can lose).
+/// lose) and to the disk every second, at once when a fault begins (at most ten times a second) and at the
+/// end (what a power cut can lose).
 #ifndef PALPATE_HAPTIC_RECORDING_H
 #define PALPATE_HAPTIC_RECORDING_H
 

@@ -230,7 +230,7 @@ static void tick(pal_servo *servo, uint64_t period, uint64_t missed, int64_t wak
     } else {
         add(&servo->field_skipped, 1);
     }
-    uint32_t latched = 0, seen = atomic_load_explicit(&servo->fault, memory_order_relaxed);
+    uint32_t latched = 0, now = 0, seen = atomic_load_explicit(&servo->fault, memory_order_relaxed);
     for (int32_t i = 0; i < servo->tool_count; i++) {
         keep_peaks(servo, &out[i]);
         keep_energy(servo, i, &in[i], &out[i]);
@@ -251,10 +251,15 @@ static void tick(pal_servo *servo, uint64_t period, uint64_t missed, int64_t wak
             .force = out[i],
         };
         push_record(servo, &record);
-        seen |= record.fault;
+        now |= record.fault;
         latched |= (record.fault & PALPATE_FAULT_LATCHED) != 0 ? 1u << i : 0u;
     }
-    atomic_store_explicit(&servo->fault, seen, memory_order_relaxed);
+    if ((now & ~servo->last_fault & servo->dump_mask) != 0 &&
+        atomic_load_explicit(&servo->dump_due, memory_order_acquire) == 0) {
+        atomic_store_explicit(&servo->dump_due, number + 1 + servo->dump_after, memory_order_release);
+    }
+    servo->last_fault = now;
+    atomic_store_explicit(&servo->fault, seen | now, memory_order_relaxed);
     atomic_store_explicit(&servo->latched, latched, memory_order_relaxed);
     add(&servo->ticks, 1);
 }
@@ -324,6 +329,11 @@ static void run_freewheel(pal_servo *servo) {
             gate_step(servo); // takers drain what is old
         }
         tick(servo, n, 0, pal_rt_now(), 0, 0);
+        for (uint64_t due = atomic_load(&servo->dump_due);
+             due != 0 && get(&servo->ticks) >= due && !stopped(servo);
+             due = atomic_load(&servo->dump_due)) {
+            nap(YIELD_NS); // the ring holds what the dump is for
+        }
         if (frame) {
             gate_step(servo); // takers take this tick's
         }

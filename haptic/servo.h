@@ -58,9 +58,12 @@ typedef struct pal_servo {
     pal_ring *ring;
     pal_queue *queue; ///< NULL: not recorded
     pal_frame_gate gate;
+    uint32_t dump_mask;  ///< onset of one of these faults asks for a dump of the ring; 0: none
+    uint64_t dump_after; ///< so many ticks later
 
     // orders and state
     _Atomic int32_t stop;    ///< ask to stop
+    _Atomic uint64_t dump_due; ///< ticks at which the ring is to be dumped; 0: not. Cleared by the dumper
     _Atomic int32_t unlatch; ///< ask to let latched watchdogs go
     _Atomic int32_t running; ///< 1 from the start of the loop to its end
 
@@ -77,6 +80,7 @@ typedef struct pal_servo {
     // the loop's own
     pal_pace pace; ///< of the field
     pal_passivity port[PALPATE_TOOLS_MAX];
+    uint32_t last_fault; ///< bits of the last tick, all tools
     pal_tool_state last[PALPATE_TOOLS_MAX];
 } pal_servo;
 

@@ -14,6 +14,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "haptic/dump.h"
 #include "haptic/error.h"
 #include "haptic/output.h"
 #include "haptic/record.h"
@@ -29,6 +30,7 @@ struct pal_session {
     pal_servo servo;
     pal_render render;
     pal_recorder recorder;
+    pal_dumper dumper;
     pal_ring ring;
     pal_queue queue;
     pal_engine *engine;
@@ -38,9 +40,9 @@ struct pal_session {
     pal_rt_grant grant;
     int32_t strict; ///< realtime: 2
     session_stage stage;
-    pthread_t servo_thread, render_thread, record_thread;
-    int has_servo, has_render, has_record; ///< threads to join
-    int want_render, want_record;
+    pthread_t servo_thread, render_thread, record_thread, dump_thread;
+    int has_servo, has_render, has_record, has_dump; ///< threads to join
+    int want_render, want_record, want_dump;
     pal_field_by field_by;
     sem_t entered, go; ///< servo has set itself up; servo may start
     int latency_fd;
@@ -59,6 +61,7 @@ pal_session_def pal_session_default_def(void) {
     def.priority = 80;
     def.render_rate = 30.0;
     def.ring_ticks = 8192;
+    def.dump_faults = PALPATE_DUMP_FAULTS;
     return def;
 }
 
@@ -173,6 +176,18 @@ static pal_status build(pal_session *s, const pal_model *model, const pal_sessio
     s->render.period_ns = def->render_rate > 0.0 ? (int64_t)(1e9 / def->render_rate) : 0;
     s->render.call = def->render;
     s->render.user = def->render_user;
+    s->want_dump = def->dump_path != NULL;
+    if (s->want_dump) {
+        uint64_t second = (uint64_t)(1.0 / def->engine.period), quarter = (uint64_t)def->ring_ticks / 4;
+        quarter /= (uint64_t)s->tool_count; // the ring holds a record per tool and tick
+        s->dumper = (pal_dumper){.servo = servo, .ring = &s->ring, .header = &s->header};
+        servo->dump_mask = def->dump_faults;
+        servo->dump_after = quarter < second ? quarter : second;
+        status = pal_dumper_init(&s->dumper, def->dump_path, error);
+        if (status != PALPATE_OK) {
+            return status;
+        }
+    }
     if (s->want_record) {
         servo->queue = &s->queue;
         s->recorder.servo = servo;
@@ -185,6 +200,7 @@ static pal_status build(pal_session *s, const pal_model *model, const pal_sessio
 
 /// Free all but the devices.
 static void tear_down(pal_session *s) {
+    pal_dumper_clear(&s->dumper);
     pal_recorder_close(&s->recorder, s->stage == CREATED || s->stage == FAILED);
     pal_queue_clear(&s->queue);
     pal_ring_clear(&s->ring);
@@ -254,6 +270,11 @@ static void *record_main(void *arg) {
     return NULL;
 }
 
+static void *dump_main(void *arg) {
+    pal_dumper_run(&((pal_session *)arg)->dumper);
+    return NULL;
+}
+
 /// A thread with ordinary scheduling whatever the host's is, and no signal: those are the host's.
 static int spawn(pthread_t *thread, void *(*body)(void *), pal_session *s) {
     pthread_attr_t attributes;
@@ -286,7 +307,10 @@ static void join_threads(pal_session *s) {
     if (s->has_record) {
         pthread_join(s->record_thread, NULL);
     }
-    s->has_servo = s->has_render = s->has_record = 0;
+    if (s->has_dump) {
+        pthread_join(s->dump_thread, NULL);
+    }
+    s->has_servo = s->has_render = s->has_record = s->has_dump = 0;
     if (s->latency_fd >= 0) {
         close(s->latency_fd);
         s->latency_fd = -1;
@@ -312,6 +336,10 @@ static int start_threads(pal_session *s) {
     if (failed == 0 && s->want_record) {
         failed = spawn(&s->record_thread, record_main, s);
         s->has_record = failed == 0;
+    }
+    if (failed == 0 && s->want_dump) {
+        failed = spawn(&s->dump_thread, dump_main, s);
+        s->has_dump = failed == 0;
     }
     return failed;
 }
@@ -372,6 +400,10 @@ void pal_session_unlatch(pal_session *session) {
     atomic_store_explicit(&session->servo.unlatch, 1, memory_order_relaxed);
 }
 
+void pal_session_request_dump(pal_session *session) {
+    atomic_store(&session->dumper.requested, 1);
+}
+
 int pal_session_running(const pal_session *session) {
     return session->stage == STARTED &&
            atomic_load_explicit(&session->servo.running, memory_order_acquire);
@@ -394,11 +426,14 @@ pal_status pal_session_finish(pal_session *s, pal_error *error) {
     pal_engine_get_counts(s->engine, &s->counts);
     s->stage = FINISHED;
     close_devices(s);
-    if (!s->want_record) {
-        return PALPATE_OK;
+    pal_status status = PALPATE_OK;
+    if (s->want_record) {
+        pal_recorder_close(&s->recorder, 0);
+        status = pal_recording_convert(s->recorder.path, NULL, error);
     }
-    pal_recorder_close(&s->recorder, 0);
-    return pal_recording_convert(s->recorder.path, NULL, error);
+    pal_status dumped =
+        s->want_dump ? pal_dumper_convert(&s->dumper, status == PALPATE_OK ? error : NULL) : PALPATE_OK;
+    return status != PALPATE_OK ? status : dumped;
 }
 
 void pal_session_free(pal_session *s) {
@@ -468,6 +503,13 @@ void pal_session_get_report(const pal_session *s, pal_session_report *out) {
                            strerror_r(why, text, sizeof text));
         }
     }
+    out->dumps = atomic_load_explicit(&s->dumper.count, memory_order_acquire);
+    out->dumps_lost = atomic_load_explicit(&s->dumper.skipped, memory_order_relaxed);
+    if (out->dumps > 0) {
+        char name[PALPATE_RECORDING_PATH];
+        (void)pal_dump_name(s->dumper.path, s->dumper.number[out->dumps - 1], name);
+        (void)snprintf(out->dump_path, sizeof out->dump_path, "%.255s", name);
+    }
     memcpy(out->scheduling, s->scheduling, sizeof out->scheduling);
 }
 
@@ -476,36 +518,12 @@ int32_t pal_session_ring(const pal_session *session, pal_tick_record *out, int32
 }
 
 pal_status pal_session_dump(const pal_session *s, const char *path, pal_error *error) {
-    char name[PALPATE_RECORDING_PATH];
-    pal_status status = pal_recording_name(path, ".ticks", name, error);
-    if (status != PALPATE_OK) {
-        return status;
-    }
     pal_tick_record *record = malloc(s->ring.capacity * sizeof *record);
     if (record == NULL) {
         return pal_fail(error, PALPATE_ERROR_MEMORY, "%s: no memory for %llu records", path,
                         (unsigned long long)s->ring.capacity);
     }
-    int32_t count = pal_ring_copy(&s->ring, record, (int32_t)s->ring.capacity);
-    pal_item_file file;
-    pal_ticks_header header = s->header;
-    status = pal_ticks_create(name, &header, &file, error);
-    for (int32_t i = 0; status == PALPATE_OK && i < count; i++) {
-        const pal_tick_item item = {.record = record[i],
-                                    .check =
-                                        pal_item_check(&record[i], sizeof record[i], (uint64_t)i)};
-        pal_item_append(&file, &item, sizeof item, 1);
-    }
+    pal_status status = pal_dump_ring(&s->ring, &s->header, path, record, error);
     free(record);
-    if (status != PALPATE_OK) {
-        return status;
-    }
-    int why = pal_ticks_finish(&file, &header);
-    why = file.first_errno != 0 ? file.first_errno : why;
-    close(file.fd);
-    if (why != 0) {
-        unlink(name);
-        return pal_fail(error, PALPATE_ERROR_IO, "%s: %s", name, strerror(why));
-    }
-    return pal_recording_convert(path, NULL, error);
+    return status == PALPATE_OK ? pal_recording_convert(path, NULL, error) : status;
 }

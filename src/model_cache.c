@@ -20,6 +20,7 @@
 #include <palpate/precompute.h>
 
 #include "haptic/error.h"
+#include "haptic/hash.h"
 #include "haptic/model.h"
 
 static const char remedy[] = "set PALPATE_CACHE to a directory of your own";
@@ -120,6 +121,26 @@ pal_status pal_cache_path(const pal_scene *scene, char *path, size_t size, pal_e
                         "cache: %zu bytes are too few for its path; %s", size, remedy);
     }
     return PALPATE_OK;
+}
+
+pal_status pal_cache_find(const char *hash, pal_model **out, pal_error *error) {
+    char path[4096];
+    if (out == NULL || hash == NULL || strlen(hash) != 2 * PALPATE_HASH_BYTES ||
+        strspn(hash, "0123456789abcdef") != 2 * PALPATE_HASH_BYTES) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "pal_cache_find: '%.70s' is not a model's hash",
+                        hash != NULL ? hash : "(NULL)");
+    }
+    *out = NULL;
+    pal_status status = pal_cache_directory(path, sizeof path, error);
+    if (status != PALPATE_OK) {
+        return status;
+    }
+    size_t length = strlen(path);
+    int n = snprintf(path + length, sizeof path - length, "/%s.palpate", hash);
+    if (n < 0 || (size_t)n >= sizeof path - length) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "cache: its path is too long; %s", remedy);
+    }
+    return pal_cache_load(path, hash, out, error);
 }
 
 pal_status pal_cache_load(const char *path, const char *hash, pal_model **out, pal_error *error) {

@@ -45,7 +45,7 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
 }
 
 static const struct argp_option list[] = {
-    {"model", KEY_MODEL, "SCENE|MODEL", 0, "What was run; refused when its content hash is another one", 1},
+    {"model", KEY_MODEL, "SCENE|MODEL", 0, "What was run (default: the cache is asked for it); refused when its content hash is another one", 1},
     {"against", KEY_AGAINST, "SCENE|MODEL", 0, "Another model: what would it have felt?", 1},
     {0}};
 static const char doc[] =
@@ -54,7 +54,7 @@ static const char doc[] =
     "Exit status 0: no difference (or --against); 1: a difference, of which the first is shown. The same build "
     "on the same model gives none, also of a run that missed periods.\n\n"
     "Example:\n  palpate run scenes/block.yaml --for 5 --record press.h5\n"
-    "  palpate replay press.h5 --model scenes/block.yaml\n"
+    "  palpate replay press.h5\n"
     "  palpate replay press.h5 --against scenes/hemisphere.yaml";
 
 static json_t *json_force(const pal_tool_force *f) {
@@ -108,17 +108,29 @@ static void print_report(const options *o, const pal_recording_info *info, const
     }
 }
 
-static pal_status replay(const options *o, pal_recording *recording, pal_replay_report *report,
+static pal_status replay(options *o, pal_recording *recording, pal_replay_report *report,
                          pal_error *error) {
     const pal_recording_info *info = pal_recording_get_info(recording);
-    source s;
-    if (o->model == NULL) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "%s: which model? It was recorded on the one with hash %s (%s): give it, or its scene, "
-                        "with --model; or another one with --against",
-                        o->path, info->model_hash, info->model_method);
+    source s = {.passed = 1};
+    pal_status status;
+    if (o->model == NULL && o->common.override_count > 0) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "--set %s: needs a scene to change; give it with --model",
+                        o->common.overrides[0]);
     }
-    pal_status status = source_open(o->model, &o->common, 1, &s, error);
+    if (o->model == NULL) { // the cache has it by the hash that the recording names
+        const offline_api *offline = offline_open(error);
+        status = offline != NULL ? offline->cache_find(info->model_hash, &s.model, error)
+                                 : PALPATE_ERROR_SYSTEM;
+        if (status != PALPATE_OK) {
+            return pal_fail_prefix(error, status,
+                                   "%s: it was recorded on the model with hash %s (%s), which the cache does not "
+                                   "give; give it, or its scene, with --model; or another one with --against",
+                                   o->path, info->model_hash, info->model_method);
+        }
+        o->model = "the cached model";
+    } else {
+        status = source_open(o->model, &o->common, 1, &s, error);
+    }
     if (status != PALPATE_OK) {
         return status;
     }

@@ -20,13 +20,13 @@ typedef struct options {
     int realtime;
     int cpu;
     double reference; ///< slice of the bare loop [s]
-    const char *record, *snapshot, *gif;
+    const char *record, *dump, *snapshot, *gif;
     int width, height;
     int draw;
 } options;
 
 enum { KEY_FOR = 0x200, KEY_FREEWHEEL, KEY_RECORD, KEY_SNAPSHOT, KEY_GIF, KEY_STRICT, KEY_NORT, KEY_CPU,
-       KEY_REFERENCE, KEY_SIZE, KEY_NODRAW };
+       KEY_REFERENCE, KEY_SIZE, KEY_NODRAW, KEY_DUMP };
 
 static double positive(const char *text, const char *name, struct argp_state *state) {
     char *end = NULL;
@@ -52,6 +52,9 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         return 0;
     case KEY_RECORD:
         o->record = arg;
+        return 0;
+    case KEY_DUMP:
+        o->dump = arg;
         return 0;
     case KEY_SNAPSHOT:
         o->snapshot = arg;
@@ -99,6 +102,9 @@ static const struct argp_option list[] = {
     {"for", KEY_FOR, "SECONDS", 0, "Session time to run (default: as long as the devices move, else 10 s)", 1},
     {"freewheel", KEY_FREEWHEEL, NULL, 0, "No waiting: every tick is evaluated, as fast as it goes", 1},
     {"record", KEY_RECORD, "FILE.h5", 0, "Record every tick and the deformed surface (HDF5 + XDMF for ParaView)", 1},
+    {"dump", KEY_DUMP, "FILE.h5", 0,
+     "Keep the last ticks in memory and write them here when a fault occurs, and on SIGUSR1 (FILE-2.h5 and so on "
+     "for the next ones; `palpate replay` opens them)", 1},
     {"snapshot", KEY_SNAPSHOT, "FILE.png", 0, "Picture of the moment with the largest force", 1},
     {"gif", KEY_GIF, "FILE.gif", 0, "Short animation, 10 pictures a second", 1},
     {"size", KEY_SIZE, "WxH", 0, "Size of the pictures (default 960x640)", 1},
@@ -257,6 +263,10 @@ static json_t *json_report(const pal_session_report *r, const options *o) {
                                       (json_int_t)r->records, "lost", (json_int_t)r->records_lost, "frames",
                                       (json_int_t)r->record_frames, "error", r->record_error));
     }
+    if (o->dump != NULL) {
+        json_object_set_new(j, "dumps", json_pack("{s:i,s:i,s:s}", "written", (int)r->dumps, "lost",
+                                                  (int)r->dumps_lost, "newest", r->dump_path));
+    }
     if (o->reference > 0.0) {
         json_object_set_new(j, "bare",
                             json_pack("{s:I,s:I,s:o}", "ticks", (json_int_t)r->bare.ticks, "missed",
@@ -320,6 +330,10 @@ static void print_report(const pal_session_report *r, const options *o, const pa
                      (unsigned long long)(r->records_lost + r->record_frames_lost),
                      r->record_error[0] ? "; " : "", r->record_error);
     }
+    if (r->dumps + r->dumps_lost > 0) {
+        (void)printf("dumps          %d of the last ticks, the newest %s; %d not written\n", (int)r->dumps,
+                     r->dump_path, (int)r->dumps_lost);
+    }
     if (o->snapshot != NULL) {
         (void)printf("picture        %s\n", o->snapshot);
     }
@@ -333,6 +347,9 @@ static void wait_for_end(pal_session *session, const options *o, double seconds)
         (void)nanosleep(&pause, NULL);
         if (interrupt_signal() != 0) {
             pal_session_request_stop(session);
+        }
+        if (o->dump != NULL && dump_signal()) {
+            pal_session_request_dump(session);
         }
         pal_session_report now;
         pal_session_get_report(session, &now);
@@ -362,6 +379,7 @@ static pal_status run(const source *s, options *o, pal_session_report *report, p
     def.cpu = o->cpu;
     def.render_rate = runtime->render_rate;
     def.record_path = o->record;
+    def.dump_path = o->dump;
     def.reference_slice = o->freewheel ? 0.0 : o->reference;
     double longest = 0.0;
     pal_status status = create_devices(runtime, &def, &longest, error);
@@ -410,6 +428,9 @@ int command_run(int argc, char **argv) {
     pal_error error = {0};
     source s;
     interrupt_install();
+    if (o.dump != NULL) {
+        dump_install();
+    }
     pal_status status = source_open(o.path, &o.common, 0, &s, &error);
     if (status != PALPATE_OK) {
         return report_error(&o.common, status, &error);

@@ -40,6 +40,7 @@ const offline_api *offline_open(pal_error *error) {
     LOAD(precompute, "pal_precompute");
     LOAD(precompute_cached, "pal_precompute_cached");
     LOAD(cache_path, "pal_cache_path");
+    LOAD(cache_find, "pal_cache_find");
 #undef LOAD
     opened = 1;
     return &api;

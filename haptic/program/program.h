@@ -76,6 +76,7 @@ typedef struct offline_api {
     __typeof__(&pal_precompute) precompute;
     __typeof__(&pal_precompute_cached) precompute_cached;
     __typeof__(&pal_cache_path) cache_path;
+    __typeof__(&pal_cache_find) cache_find;
 } offline_api;
 /// @return the table, or NULL with a message (library missing)
 const offline_api *offline_open(pal_error *error);
@@ -85,6 +86,10 @@ const offline_api *offline_open(pal_error *error);
 void interrupt_install(void);
 /// The signal that arrived, or 0.
 int interrupt_signal(void);
+/// SIGUSR1 asks for a dump; without this it ends the process.
+void dump_install(void);
+/// 1 once for each burst of SIGUSR1 that arrived.
+int dump_signal(void);
 /// A progress callback that draws a line with time left on a terminal's stderr.
 pal_progress progress_line(const common_options *options);
 void progress_end(void);

@@ -28,6 +28,27 @@ int interrupt_signal(void) {
     return signal_seen;
 }
 
+static volatile sig_atomic_t dump_seen = 0;
+
+static void on_dump(int number) {
+    (void)number;
+    dump_seen = 1;
+}
+
+void dump_install(void) {
+    struct sigaction action;
+    memset(&action, 0, sizeof action);
+    action.sa_handler = on_dump;
+    (void)sigemptyset(&action.sa_mask);
+    (void)sigaction(SIGUSR1, &action, NULL);
+}
+
+int dump_signal(void) {
+    int seen = dump_seen;
+    dump_seen = 0;
+    return seen;
+}
+
 static double last_drawn = 0.0;
 static int drawn = 0;
 

@@ -27,6 +27,11 @@ PALPATE_API pal_status pal_precompute(pal_scene *scene, const pal_progress *prog
 /// then HASH.palpate. The directory is created with mode 0700.
 PALPATE_API pal_status pal_cache_path(const pal_scene *scene, char *path, size_t size, pal_error *error);
 
+/// The model of content hash `hash` (64 hexadecimal digits, pal_model_info.hash) from the cache.
+/// @return PALPATE_OK; _ARGUMENT when it is no hash; _IO, _SYSTEM when the cache has none or is not to be
+/// trusted; else as pal_model_load
+PALPATE_API pal_status pal_cache_find(const char *hash, pal_model **out, pal_error *error);
+
 /// pal_precompute through the cache: load the cached model when it matches the scene, else build
 /// and write it (atomic rename). The returned model carries the scene's runtime configuration.
 /// @param[out] was_cached  may be NULL; 1 when nothing had to be built

@@ -95,11 +95,22 @@ typedef struct pal_session_def {
     void *render_user;
     const char *record_path; ///< recording file (HDF5, `.h5`); NULL: none; copied at create
     int32_t ring_ticks;      ///< per-tick ring kept in memory; default 8192
+    /// The ring is written to this recording (`.h5`; "-2", "-3", ... before the extension for the next
+    /// ones, at most 16 per session, nothing is overwritten) a quarter of the ring, at most 1 s, after the
+    /// onset of a fault of dump_faults, and on demand. NULL: not; copied at create. While the session runs
+    /// the raw file FILE.ticks holds it; finish converts it, `palpate recover` does after a kill.
+    const char *dump_path;
+    uint32_t dump_faults; ///< default PALPATE_DUMP_FAULTS
     /// Above 0: after each such slice of session time [s] the servo thread runs a bare loop (sleep
     /// and wake only) of equal length while session time stands still; the report's `bare` tells
     /// what the machine itself misses. A run then takes twice its duration. 0: none (default).
     double reference_slice;
 } pal_session_def;
+
+/// Faults of input, physics and timing; not the limits that act in ordinary use.
+#define PALPATE_DUMP_FAULTS                                                                        \
+    (PALPATE_FAULT_INPUT | PALPATE_FAULT_FORCE | PALPATE_FAULT_SINGULAR | PALPATE_FAULT_STALE |    \
+     PALPATE_FAULT_JUMP | PALPATE_FAULT_STALL | PALPATE_FAULT_LATCHED)
 
 PALPATE_API pal_session_def pal_session_default_def(void);
 
@@ -116,6 +127,8 @@ PALPATE_API void pal_session_request_stop(pal_session *session);
 /// that latched it may latch it again. The input of that tick says so (PALPATE_STATE_UNLATCH), hence a
 /// replay of the recording does the same. Thread: any; async-signal-safe.
 PALPATE_API void pal_session_unlatch(pal_session *session);
+/// Ask for a dump of the ring now (def.dump_path). Thread: any; async-signal-safe.
+PALPATE_API void pal_session_request_dump(pal_session *session);
 /// 1 while the servo runs.
 PALPATE_API int pal_session_running(const pal_session *session);
 /// Wait for the end, join the threads, close devices, convert the recording. The run's report holds
@@ -168,6 +181,8 @@ typedef struct pal_session_report {
     pal_bare_report bare;   ///< with def.reference_slice
     pal_port_energy port[PALPATE_TOOLS_MAX]; ///< of each tool's device
     char record_error[256]; ///< first failure of the recording; "" when there was none
+    int32_t dumps, dumps_lost; ///< of the ring: written, and not (too many, or the disk refused)
+    char dump_path[256];    ///< the newest; "" when there is none
     char scheduling[512];   ///< what was granted and what was refused, one sentence
 } pal_session_report;
 /// Thread: any; numbers still move while the servo runs.
