@@ -393,7 +393,7 @@ static const pal_scene_key KEYS[] = {
     NUMBER("tools[].friction", "-", WITHIN(0, 10), "0", "Coulomb friction coefficient",
            pal_tool_def, friction, FLAGS(PALPATE_KEY_NOT_BUILT_UNLESS_0)),
     MAP("tools[].coupling", "(none: the device pose is the tool's)",
-        "virtual coupling between device and tool", FLAGS(PALPATE_KEY_NOT_BUILT)),
+        "virtual coupling between device and tool (contact law surface)"),
     NUMBER("tools[].coupling.stiffness", "N/m", POSITIVE, "required", "its spring", pal_tool_def,
            coupling_stiffness, FLAGS(PALPATE_KEY_REQUIRED)),
     NUMBER("tools[].coupling.damping", "N s/m", NOT_NEGATIVE, "0", "its damper", pal_tool_def,

@@ -288,6 +288,10 @@ static const pair PAIRS[] = {
      "tools.0.device={simulated: {motion: {tremor_amplitude: 1}}}"},
     {"tools[].device.simulated.motion.tremor_frequency", "tools.0.device={simulated: {}}",
      "tools.0.device={simulated: {motion: {tremor_frequency: 8}}}"},
+    {"tools[].coupling.stiffness", "tools.0.coupling={stiffness: 500}",
+     "tools.0.coupling={stiffness: 400}"},
+    {"tools[].coupling.damping", "tools.0.coupling={stiffness: 500}",
+     "tools.0.coupling={stiffness: 500, damping: 1}"},
     {"tools[].limits.force", "tools.0.limits.force=1", "tools.0.limits.force=2"},
     {"tools[].limits.slew", "tools.0.limits.slew=1", "tools.0.limits.slew=2"},
     {"tools[].limits.torque", "tools.0.limits.torque=1", "tools.0.limits.torque=2"},
@@ -351,8 +355,6 @@ static const char *const SELECTOR_PLACES[][2] = {
 /// Not built yet, or with one value only.
 static const char *const EXEMPT[] = {"palpate",
                                      "tools[].friction",
-                                     "tools[].coupling.stiffness",
-                                     "tools[].coupling.damping",
                                      "store.tolerance",
                                      "method.integration"};
 
@@ -376,6 +378,8 @@ static int differ(const char *a, const char *b) {
                    t->radius != u->radius || t->length != u->length ||
                    t->device.kind != u->device.kind ||
                    memcmp(&t->limits, &u->limits, sizeof t->limits) != 0 ||
+                   t->coupling_stiffness != u->coupling_stiffness ||
+                   t->coupling_damping != u->coupling_damping ||
                    memcmp(&t->spec, &u->spec, sizeof t->spec) != 0 ||
                    memcmp(t->start, u->start, sizeof t->start) != 0 ||
                    memcmp(t->axis, u->axis, sizeof t->axis) != 0 ||

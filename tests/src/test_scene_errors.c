@@ -269,8 +269,6 @@ static const bad CASES[] = {
 static const bad NOT_BUILT[] = {
     {11, "tools: [{friction: 0.3}]", "11:20: tools[0].friction: found 0.3; allowed: 0",
      "not built yet"},
-    {11, "tools: [{coupling: {stiffness: 500, damping: 1}}]",
-     "11:20: tools[0].coupling: found a mapping", "not built yet"},
     {9, "method: {kind: galerkin, integration: 4}", "9:39: method.integration: found 4",
      "not built yet"},
     {10, "store: {tolerance: 0.01}", "10:20: store.tolerance: found 0.01; allowed: 0",
