@@ -67,7 +67,7 @@ static void sphere_on_block_follows_the_table(void **state) {
                       at(&r, k, "depth"), at(&r, k, "force"), force, 100 * error,
                       100 * (at(&r, k, "force") / program_number(row, "hertz") - 1), at(&r, k, "radius"),
                       radius, off / spacing, at(&r, k, "contacts"));
-        assert_true(fabs(error) < 0.03);                         // issue 5
+        assert_true(fabs(error) < 0.015); // issue 5 asks for 0.03; 0.01 is reached
         assert_true(fabs(off) < spacing);                        // issue 5
         assert_true(at(&r, k, "force") > program_number(row, "hertz") * 0.97); // the block is stiffer
     }

@@ -1,0 +1,335 @@
+/// @file ripple.c  How smooth is contact anywhere: ripple of the point compliance over the nodes.
+///
+///     make bench-ripple                          three scenes and a uniform half ball: table and
+///     CSV make bench-ripple ARGS="scene.yaml ..."    these scenes instead
+///
+/// c(x) = n' Phi(x) C_TT Phi(x)' n is what one contact point feels at x. It should not know where
+/// the nodes are. Points slide along lines over the touchable surface, more than 20 node spacings
+/// in all, for every number of nodes K and power p of the weights (haptic/contact_weights.h). Two
+/// numbers each, over windows of two spacings, after removing the trend (a quadratic fit per
+/// window: c varies over the body on its own): ripple = (largest - smallest) / mean, the median
+/// over windows and the worst. Beside them the same for c without what the weights' own width
+/// explains, kappa (pi/2)^(1/2) / (2^(1/2) sigma) (kappa = (1 - nu^2) / (pi E)): the contact law
+/// adds the difference of a contact's own footprint to it.
+///
+/// ripple.csv  one row per scene, K and p. Second table: time of one query on this machine.
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "haptic/contact_surface.h"
+#include "haptic/contact_weights.h"
+
+#include <palpate/precompute.h>
+
+enum { SAMPLES = 24, WINDOW = 2 * SAMPLES, LINES = 12, LONGEST = 30 * SAMPLES };
+
+typedef struct place {
+    pal_surface_point at;
+    double spacing; ///< around it [m]
+} place;
+
+typedef struct walk {
+    int count;
+    place *place;
+} walk;
+
+static double dot(const double a[3], const double b[3]) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static pal_model *build(const char *path, const char *overrides[], int count) {
+    pal_error error = {0};
+    pal_scene *scene = NULL;
+    pal_model *model = NULL;
+    if (pal_scene_load(path, overrides, count, &scene, &error) != PALPATE_OK ||
+        pal_precompute(scene, NULL, &model, &error) != PALPATE_OK) {
+        fprintf(stderr, "%s: %s\n", path, error.message);
+        model = NULL;
+    }
+    pal_scene_free(scene);
+    return model;
+}
+
+/// Points a 1/SAMPLES spacing apart along the surface, from a node, turned by `angle` there.
+static walk walk_along(const pal_rest_surface *s, const pal_weights_table *table, int32_t triangle,
+                       double angle) {
+    static const double middle[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3};
+    walk w = {.place = calloc(LONGEST, sizeof(place))};
+    pal_surface_point x;
+    pal_weights weights;
+    pal_rest_point(s, triangle, middle, &x);
+    const double *p = s->position + 3 * s->triangle[3 * triangle];
+    double e[3], f[3], t[3];
+    for (int i = 0; i < 3; i++) {
+        e[i] = p[i] - x.position[i];
+    }
+    for (int i = 0; i < 3; i++) {
+        f[i] = x.normal[(i + 1) % 3] * e[(i + 2) % 3] - x.normal[(i + 2) % 3] * e[(i + 1) % 3];
+    }
+    for (int i = 0; i < 3; i++) {
+        t[i] = cos(angle) * e[i] + sin(angle) * f[i];
+    }
+    while (w.place != NULL && w.count < LONGEST) {
+        if (pal_weights_at(table, &x, 0.0, &weights) < 7) {
+            break;
+        }
+        double h = weights.radius * sqrt(2 * 3.14159265358979 / (1.7320508 * (table->nodes + 1)));
+        if (x.inside < 1.5 * h) {
+            break; // one-sided stencils at the rim are faded out by the law
+        }
+        w.place[w.count++] = (place){x, h};
+        double out = dot(t, x.normal), q[3];
+        for (int i = 0; i < 3; i++) {
+            t[i] -= out * x.normal[i];
+        }
+        double length = sqrt(dot(t, t));
+        for (int i = 0; i < 3; i++) {
+            t[i] /= length;
+            q[i] = x.position[i] + t[i] * h / SAMPLES;
+        }
+        if (!pal_rest_track(s, q, h, &x, &x)) {
+            break;
+        }
+    }
+    return w;
+}
+
+static double compliance(const pal_model *model, const pal_surface_point *x, const pal_weights *w) {
+    pal_model_info info;
+    pal_model_get_info(model, &info);
+    const double *c = pal_model_compliance(model), *n = x->normal;
+    size_t ld = 3 * (size_t)info.column_count;
+    double sum = 0;
+    for (int32_t j = 0; j < w->count; j++) {
+        for (int32_t i = 0; i < w->count; i++) {
+            const double *block = c + 3 * (size_t)w->column[i] + 3 * (size_t)w->column[j] * ld;
+            double value = 0;
+            for (size_t b = 0; b < 3; b++) {
+                value += n[b] * dot(n, block + b * ld);
+            }
+            sum += w->phi[i] * w->phi[j] * value;
+        }
+    }
+    return sum;
+}
+
+/// (largest - smallest) / mean of v[0 .. WINDOW] without its quadratic trend.
+static double window_ripple(const double *v) {
+    double m[3] = {0, 0, 0}, s2 = 0, s4 = 0, low = HUGE_VAL, high = -HUGE_VAL;
+    for (int k = 0; k <= WINDOW; k++) {
+        double z = 2.0 * k / WINDOW - 1;
+        m[0] += v[k];
+        m[1] += v[k] * z;
+        m[2] += v[k] * z * z;
+        s2 += z * z;
+        s4 += z * z * z * z;
+    }
+    double n = WINDOW + 1, c = (m[2] - m[0] * s2 / n) / (s4 - s2 * s2 / n), b = m[1] / s2;
+    double a = (m[0] - c * s2) / n;
+    for (int k = 0; k <= WINDOW; k++) {
+        double z = 2.0 * k / WINDOW - 1, rest = v[k] - a - b * z - c * z * z;
+        low = fmin(low, rest);
+        high = fmax(high, rest);
+    }
+    return (high - low) / (m[0] / n);
+}
+
+static int by_size(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
+static double seconds(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void time_queries(const pal_rest_surface *s, const pal_weights_table *table, const walk *w,
+                         double built) {
+    pal_weights weights;
+    pal_surface_point x;
+    double t[6] = {0}, sum = 0;
+    int count = 0;
+    for (int repeat = 0; repeat < 20; repeat++) {
+        for (int l = 0; l < LINES; l++) {
+            for (int k = 0; k < w[l].count; k += 7) {
+                const place *at = &w[l].place[k];
+                double p[3], up[3], at0 = seconds();
+                for (int i = 0; i < 3; i++) {
+                    up[i] = at->at.normal[i];
+                    p[i] = at->at.position[i] - 0.7 * at->spacing * up[i];
+                }
+                sum += pal_rest_closest(s, p, 20 * at->spacing, -1, &x);
+                double at1 = seconds();
+                sum += pal_rest_closest(s, p, 20 * at->spacing, at->at.triangle, &x);
+                double at2 = seconds();
+                sum += pal_rest_track(s, p, 20 * at->spacing, &at->at, &x);
+                double at3 = seconds();
+                sum += pal_rest_project(s, p, up, 5 * at->spacing, 0.1, -1, &x);
+                double at4 = seconds();
+                sum += pal_weights_at(table, &at->at, 0.0, &weights);
+                double at5 = seconds();
+                sum += pal_weights_at(table, &at->at, 100, &weights);
+                double at6 = seconds(), all[7] = {at0, at1, at2, at3, at4, at5, at6};
+                for (int i = 0; i < 6; i++) {
+                    t[i] += all[i + 1] - all[i];
+                }
+                count++;
+            }
+        }
+    }
+    printf("  us each: closest %.2f, with hint %.2f, track %.2f, project %.2f, weights %.2f, "
+           "widest %.2f; built in "
+           "%.0f ms (%.0f)\n",
+           1e6 * t[0] / count, 1e6 * t[1] / count, 1e6 * t[2] / count, 1e6 * t[3] / count,
+           1e6 * t[4] / count, 1e6 * t[5] / count, 1e3 * built, sum / count);
+}
+
+static int measure(const char *name, const pal_model *model, FILE *csv) {
+    static const int nodes[] = {5, 7, 9, 11, 12, 13, 15, 17, 19};
+    pal_model_info info;
+    pal_model_get_info(model, &info);
+    double kappa = (1 - info.poisson * info.poisson) / (3.14159265358979 * info.young);
+    pal_rest_surface s;
+    pal_weights_table table;
+    void *a = aligned_alloc(64, pal_rest_bytes(model)),
+         *b = aligned_alloc(64, pal_weights_bytes(model));
+    double *v = calloc(2 * (LONGEST + 1), sizeof *v),
+           *window = calloc(4 * LINES * LONGEST, sizeof *window);
+    if (a == NULL || b == NULL || v == NULL || window == NULL) {
+        fprintf(stderr, "%s: no memory\n", name);
+        free(a);
+        free(b);
+        free(v);
+        free(window);
+        return 1;
+    }
+    double start = seconds();
+    pal_rest_init(&s, model, a);
+    double surface = seconds();
+    pal_weights_init(&table, model, &s, PALPATE_WEIGHTS_NODES, PALPATE_WEIGHTS_POWER, b);
+    double built = seconds() - start;
+    surface -= start;
+    walk line[LINES];
+    double length = 0, longest = 0;
+    int32_t inner[64], inners = 0, each = s.triangle_count / 4000 + 1;
+    for (int32_t t = 0; t < s.triangle_count; t += each) { // start well inside
+        static const double middle[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3};
+        pal_surface_point x;
+        pal_weights w;
+        pal_rest_point(&s, t, middle, &x);
+        (void)pal_weights_at(&table, &x, 0.0, &w);
+        if (x.inside > 2 * w.radius && w.count > 0) {
+            inner[inners < 64 ? inners : (t * 7919) % 64] = t;
+            inners += inners < 64;
+        }
+    }
+    for (int l = 0; l < LINES; l++) {
+        line[l] = (walk){0};
+        if (inners > 0) {
+            line[l] = walk_along(&s, &table, inner[(l * 5 + 1) % inners], 1.0 + 2.4 * l);
+        }
+        length += (double)line[l].count / SAMPLES;
+        longest = fmax(longest, (double)line[l].count / SAMPLES);
+    }
+    printf(
+        "%s: %d nodes, %d touchable, E %g Pa, nu %g; %.0f spacings in %d lines; surface %.0f ms\n",
+        name, info.node_count, info.touchable_count, info.young, info.poisson, length, LINES,
+        1e3 * surface);
+    time_queries(&s, &table, line, built);
+    printf("  %3s", "K");
+    for (int p = 1; p <= 4; p++) {
+        printf("   p=%d median worst (own width out)", p);
+    }
+    printf("   ripple [%%]\n");
+    for (size_t k = 0; k < sizeof nodes / sizeof *nodes; k++) {
+        printf("  %3d", nodes[k]);
+        for (int p = 1; p <= 4; p++) {
+            pal_weights_init(&table, model, &s, nodes[k], p, b);
+            double *found[2] = {window, window + 2 * LINES * LONGEST}, sigma = 0;
+            int windows = 0, points = 0;
+            for (int l = 0; l < LINES; l++) {
+                for (int i = 0; i < line[l].count; i++) {
+                    pal_weights w;
+                    (void)pal_weights_at(&table, &line[l].place[i].at, 0.0, &w);
+                    v[i] = compliance(model, &line[l].place[i].at, &w);
+                    v[LONGEST + i] = v[i] - kappa * sqrt(3.14159265358979 / 4) / w.sigma;
+                    sigma += w.sigma / line[l].place[i].spacing;
+                    points++;
+                }
+                for (int i = 0; i + WINDOW < line[l].count; i += SAMPLES / 2) {
+                    double mean = 0;
+                    for (int j = 0; j <= WINDOW; j++) {
+                        mean += v[i + j] / (WINDOW + 1);
+                        v[LONGEST + i + j] += 0; // the same mean below: ripple of the same force
+                    }
+                    found[0][windows] = window_ripple(v + i);
+                    double shifted[WINDOW + 1], other = 0;
+                    for (int j = 0; j <= WINDOW; j++) {
+                        other += v[LONGEST + i + j] / (WINDOW + 1);
+                    }
+                    for (int j = 0; j <= WINDOW; j++) {
+                        shifted[j] = v[LONGEST + i + j] - other + mean;
+                    }
+                    found[1][windows++] = window_ripple(shifted);
+                }
+            }
+            if (windows == 0) {
+                continue;
+            }
+            for (int c = 0; c < 2; c++) {
+                qsort(found[c], (size_t)windows, sizeof(double), by_size);
+            }
+            printf("    %6.2f %6.2f  (%5.2f %6.2f)  ", 100 * found[0][windows / 2],
+                   100 * found[0][windows - 1], 100 * found[1][windows / 2],
+                   100 * found[1][windows - 1]);
+            fprintf(csv, "%s,%d,%d,%d,%.6g,%.6g,%.6g,%.6g,%.4g\n", name, info.node_count, nodes[k],
+                    p, found[0][windows / 2], found[0][windows - 1], found[1][windows / 2],
+                    found[1][windows - 1], sigma / points);
+        }
+        printf("\n");
+        fflush(stdout);
+    }
+    for (int l = 0; l < LINES; l++) {
+        free(line[l].place);
+    }
+    free(a);
+    free(b);
+    free(v);
+    free(window);
+    return 0;
+}
+
+int main(int argc, char **argv) {
+    const char *plain[] = {"store.displacement=none", "estimate=false"};
+    const char *even[] = {"store.displacement=none",
+                          "estimate=false",
+                          "body.refine=[]",
+                          "body.spacing=0.0045",
+                          "body.patches={}",
+                          "body.touchable=[{ball: {center: [0, 0, 0.05], radius: 0.045}}]"};
+    int failed = 0;
+    FILE *csv = fopen("bench/results/ripple.csv", "w");
+    if (csv == NULL) {
+        fprintf(stderr, "bench/results: cannot be written; run from the repository's root\n");
+        return 1;
+    }
+    fprintf(csv, "scene,nodes,k,p,median,worst,median_own_width_out,worst_own_width_out,sigma_over_"
+                 "spacing\n");
+    static const char *const scenes[] = {"scenes/hemisphere.yaml", "scenes/block.yaml",
+                                         "scenes/organ.yaml"};
+    int count = argc > 1 ? argc - 1 : 4;
+    for (int i = 0; i < count; i++) {
+        const char *path = argc > 1 ? argv[i + 1] : scenes[i % 3];
+        int uniform = argc == 1 && i == 3;
+        pal_model *model = uniform ? build(path, even, 6) : build(path, plain, 2);
+        failed |= model == NULL || measure(uniform ? "uniform hemisphere" : path, model, csv);
+        pal_model_free(model);
+    }
+    fclose(csv);
+    return failed;
+}
