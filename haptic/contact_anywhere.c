@@ -15,6 +15,9 @@
 /// A massless proxy balances contact and coupling, f = sum of contact forces, which is 1/k_eff between
 /// all points of the tool in M and gaps taken at p_free. The proxy has the device's orientation.
 ///
+/// Grasp. What a tool touches when its button closes is held to it, in all three directions, until it
+/// opens; nothing else of it touches meanwhile (contact_grasp.c).
+///
 /// Torque. The force of a frictionless contact passes through the centre of the ball it comes from, so a
 /// sphere and a point feel none and a capsule that of forces at its axis.
 ///
@@ -117,10 +120,11 @@ static size_t anywhere_bytes(const pal_model *model, const pal_contact_def *def)
     size_t nodes = 3 * (size_t)node_capacity(model, def);
     return padded(sizeof(anywhere_law)) + pal_rest_bytes(model) + pal_weights_bytes(model) +
            pal_working_set_bytes(model, node_capacity(model, def)) +
-           padded(points * sizeof(anywhere_point)) + padded(rows * sizeof(anywhere_row)) +
+           padded(points * sizeof(anywhere_point)) + padded(points * sizeof(anywhere_held)) +
            padded(rows * y_stride(model, def) * sizeof(double)) +
-           padded(rows * rows * sizeof(double)) + 3 * padded(rows * sizeof(double)) +
-           padded(rows) + padded(points) + padded(pal_lcp_bytes((int32_t)rows)) +
+           padded(rows * rows * sizeof(double)) + 4 * padded(rows * sizeof(double)) +
+           padded(points * sizeof(double)) + 2 * padded(points) +
+           padded(pal_friction_bytes((int32_t)points)) +
            2 * padded(nodes * sizeof(double)) + padded(nodes * sizeof(int32_t));
 }
 
@@ -128,12 +132,14 @@ static void anywhere_reset(void *self) {
     anywhere_law *law = self;
     int32_t each = share(&law->def);
     pal_working_set_clear(&law->set);
-    memset(law->touching, 0, (size_t)law->capacity);
+    memset(law->before, 0, (size_t)law->capacity);
+    memset(law->force_before, 0, 3 * (size_t)law->capacity * sizeof *law->force_before);
     law->points = law->rows = 0;
     for (int32_t t = 0; t < law->def.tool_count; t++) {
         const pal_tool_def *def = &law->def.tools[t];
         anywhere_tool *tool = &law->tool[t];
         lay_out(tool, def, t * each, each);
+        tool->held = law->held + (size_t)t * (size_t)each;
         if (def->coupling_stiffness > 0.0) {
             tool->damping = def->coupling_damping / law->def.period;
             tool->yield = 1.0 / (def->coupling_stiffness + tool->damping);
@@ -160,15 +166,17 @@ static void *anywhere_init(void *memory, const pal_model *model, const pal_conta
     pal_working_set_init(&law->set, model, node_capacity(model, def),
                          take(&at, pal_working_set_bytes(model, node_capacity(model, def))));
     law->point = take(&at, points * sizeof *law->point);
-    law->row = take(&at, rows * sizeof *law->row);
+    law->held = take(&at, points * sizeof *law->held);
     law->y = take(&at, rows * y_stride(model, def) * sizeof(double));
     law->m = take(&at, rows * rows * sizeof(double));
     law->q = take(&at, rows * sizeof(double));
     law->z = take(&at, rows * sizeof(double));
     law->w = take(&at, rows * sizeof(double));
-    law->active = take(&at, rows);
-    law->touching = take(&at, points);
-    law->work = take(&at, pal_lcp_bytes((int32_t)rows));
+    law->force_before = take(&at, rows * sizeof(double));
+    law->mu = take(&at, points * sizeof(double));
+    law->state = take(&at, points);
+    law->before = take(&at, points);
+    law->work = take(&at, pal_friction_bytes((int32_t)points));
     law->nodal = take(&at, nodes * sizeof(double));
     law->force = take(&at, nodes * sizeof(double));
     law->dof = take(&at, nodes * sizeof(int32_t));
@@ -195,36 +203,50 @@ static void place(anywhere_law *law, int32_t t, const pal_pose *device) {
     tool->solid = pal_solid_place(def, &tool->free);
 }
 
-/// Torque about the tool's origin of a frictionless force at x: it acts at the axis.
-static void add_torque(const anywhere_tool *tool, const double x[3], const double f[3],
+/// Torque about the tool's origin of a force at x: that of a frictionless one acts at the axis.
+static void add_torque(const anywhere_tool *tool, const anywhere_point *point, const double f[3],
                        double torque[3]) {
     const pal_solid *solid = &tool->solid;
+    const double *x = point->x;
     double p[3] = {x[0] - solid->center[0], x[1] - solid->center[1], x[2] - solid->center[2]};
-    double s = dot(p, solid->axis);
-    s = s < -solid->half ? -solid->half : s > solid->half ? solid->half : s;
-    const double *a = solid->axis;
-    torque[0] += s * (a[1] * f[2] - a[2] * f[1]);
-    torque[1] += s * (a[2] * f[0] - a[0] * f[2]);
-    torque[2] += s * (a[0] * f[1] - a[1] * f[0]);
+    if (point->mu == 0.0) {
+        double s = dot(p, solid->axis);
+        s = s < -solid->half ? -solid->half : s > solid->half ? solid->half : s;
+        for (int i = 0; i < 3; i++) {
+            p[i] = s * solid->axis[i];
+        }
+    } else if (point->mu < 0.0) { // where it is held: x - q.e, both with the tool at its free pose
+        for (int i = 0; i < 3; i++) {
+            p[i] -= point->q[0] * point->along[0][i] + point->q[1] * point->along[1][i] +
+                    point->q[2] * point->along[2][i];
+        }
+    }
+    torque[0] += p[1] * f[2] - p[2] * f[1];
+    torque[1] += p[2] * f[0] - p[0] * f[2];
+    torque[2] += p[0] * f[1] - p[1] * f[0];
 }
 
 static void summarise(anywhere_law *law, pal_contact_result *result) {
     double weight[PALPATE_TOOLS_MAX] = {0.0};
-    for (int32_t r = 0; r < law->rows; r++) {
-        const anywhere_point *point = &law->point[law->row[r].point];
+    for (int32_t p = 0; p < law->points; p++) {
+        const anywhere_point *point = &law->point[p];
         pal_contact_wrench *w = &result->tool[point->tool];
-        double z = law->z[r], f[3];
-        if (!(z > 0.0)) {
+        double f[3] = {0.0, 0.0, 0.0}, size = fabs(law->z[point->first]);
+        for (int32_t a = 0; a < point->rows; a++) {
+            for (int i = 0; i < 3; i++) {
+                f[i] += law->z[point->first + a] * point->along[a][i];
+            }
+        }
+        if (!(size > 0.0) && !(point->mu < 0.0)) {
             continue;
         }
         for (int i = 0; i < 3; i++) {
-            f[i] = z * law->row[r].along[i];
             w->force[i] += f[i];
-            w->centroid[i] += z * point->x[i];
-            w->normal[i] += z * point->normal[i];
+            w->centroid[i] += size * point->x[i];
+            w->normal[i] += size * point->normal[i];
         }
-        add_torque(&law->tool[point->tool], point->x, f, w->torque);
-        weight[point->tool] += z;
+        add_torque(&law->tool[point->tool], point, f, w->torque);
+        weight[point->tool] += size;
         w->count++;
     }
     for (int32_t t = 0; t < law->def.tool_count; t++) {
@@ -264,8 +286,11 @@ static void anywhere_solve(void *self, const pal_contact_tool tools[], pal_conta
         anywhere_tool *tool = &law->tool[t];
         if (tools[t].present) {
             place(law, t, &tools[t].pose);
+            tool->held_count = tools[t].closed ? tool->held_count : 0;
             pal_anywhere_touch(law, t);
+            pal_anywhere_hold(law, t);
         } else {
+            tool->held_count = 0;
             for (int32_t k = 0; k < tool->stations; k++) {
                 tool->station[k].known = tool->station[k].engaged = 0;
             }
@@ -281,6 +306,11 @@ static void anywhere_solve(void *self, const pal_contact_tool tools[], pal_conta
     summarise(law, result);
     for (int32_t t = 0; t < law->def.tool_count; t++) {
         finish(law, t, &tools[t], &result->tool[t]);
+        int closed = tools[t].present && tools[t].closed;
+        if (closed && !law->tool[t].closed) {
+            pal_anywhere_grasp(law, t, &result->tool[t].proxy);
+        }
+        law->tool[t].closed = closed;
     }
 }
 

@@ -2,17 +2,17 @@
 ///
 /// contact_anywhere.c explains the law and holds its memory and its tick; contact_touch.c finds where
 /// tools overlap the rest surface and spreads contact points there; contact_system.c builds the
-/// compliance between the points and solves it.
+/// compliance between the points and solves it; contact_grasp.c holds points to a closed tool.
 #ifndef PALPATE_HAPTIC_CONTACT_ANYWHERE_H
 #define PALPATE_HAPTIC_CONTACT_ANYWHERE_H
 
 #include <math.h>
 
-#include "haptic/complementarity.h"
 #include "haptic/contact.h"
 #include "haptic/contact_pattern.h"
 #include "haptic/contact_surface.h"
 #include "haptic/contact_weights.h"
+#include "haptic/friction.h"
 #include "haptic/solid.h"
 #include "haptic/working_set.h"
 
@@ -42,7 +42,11 @@ typedef struct anywhere_point {
     int32_t id;       ///< the same from tick to tick
     double x[3];      ///< on the rest surface [m]
     double normal[3]; ///< outward
-    double gap;       ///< along the normal, with the tool at its free pose; negative: overlap [m]
+    double along[3][3]; ///< directions of its rows: -normal, two tangents; [row][component]
+    double q[3]; ///< gap and slips with the tool at its free pose, without force [m]
+    double mu;   ///< friction; < 0: held (friction.h)
+    int32_t rows;  ///< 1, or 3 where mu is not 0
+    int32_t first; ///< its first row in the system
     double area;      ///< [m^2]
     double width;     ///< w: compliance with itself is coefficient / (2 w) [m]
     double fade;      ///< 0..1: towards the rim of the touchable region it grows infinitely soft
@@ -50,11 +54,11 @@ typedef struct anywhere_point {
     int32_t slot[PALPATE_WEIGHTS_MAX]; ///< of phi's nodes in the working set
 } anywhere_point;
 
-/// A force component: at a point, along a unit direction, on the body.
-typedef struct anywhere_row {
-    int32_t point;
-    double along[3];
-} anywhere_row;
+/// A point held by a closed tool.
+typedef struct anywhere_held {
+    anywhere_point point;
+    double local[3]; ///< its deformed place in the tool's frame [m]
+} anywhere_held;
 
 typedef struct anywhere_tool {
     anywhere_station station[PALPATE_STATIONS_MAX];
@@ -64,6 +68,9 @@ typedef struct anywhere_tool {
     double damping;      ///< b / period [N/m]
     // ---- state
     int has_before;
+    int closed;         ///< last tick's button
+    int32_t held_count; ///< points held; > 0: no other point of the tool touches
+    anywhere_held *held; ///< shape [points of a tool]
     double device[3]; ///< device position in the last tick [m]
     double proxy[3];  ///< proxy position in the last tick [m]
     // ---- of this tick
@@ -85,15 +92,17 @@ typedef struct anywhere_law {
     int32_t dropped; ///< points left out in this tick
     uint32_t fault[PALPATE_TOOLS_MAX];
     anywhere_point *point; ///< shape [capacity]
+    anywhere_held *held;   ///< of all tools, shape [capacity]
     // ---- contact_system.c
     int32_t rows;
-    anywhere_row *row; ///< shape [3 capacity]
     int32_t ld;        ///< of y
     double *y;         ///< R Phi^T e of each row, shape [ld, 3 capacity] [m/N]
     double *m;         ///< compliance of the rows, column-major, ld = rows [m/N]
     double *q, *z, *w; ///< shape [3 capacity]
-    uint8_t *active;   ///< of the rows
-    uint8_t *touching; ///< by point identity: carried force in the last tick, shape [capacity]
+    double *mu;        ///< of the points, shape [capacity]
+    uint8_t *state;    ///< pal_friction_point of the points, shape [capacity]
+    uint8_t *before;   ///< the same by identity, of the last tick, shape [capacity]
+    double *force_before; ///< by identity: forces of the last tick [N], shape [capacity, 3]
     void *work;
     double *nodal;  ///< force on the nodes of the working set [N], shape [3 set.capacity]
     int32_t *dof;   ///< shape [3 set.capacity]
@@ -109,9 +118,17 @@ void pal_anywhere_gather(anywhere_law *law);
 void pal_anywhere_assemble(anywhere_law *law);
 /// Solve for z. @return iterations; fault bits are put into law->fault
 int32_t pal_anywhere_solve(anywhere_law *law);
+/// Displacement of the body at point i under the forces of the solution [m]; law->nodal must hold
+/// their nodal forces.
+void pal_anywhere_displacement(anywhere_law *law, int32_t i, double u[3]);
 /// Nodal forces Phi^T f of the solution into law->nodal, and those that are not 0 into dof, force.
 /// @return number of entries
 int32_t pal_anywhere_distribute(anywhere_law *law);
+
+/// The held points of tool t at its free pose: appended to law->point.
+void pal_anywhere_hold(anywhere_law *law, int32_t t);
+/// After the solution: hold what tool t touches, at its proxy.
+void pal_anywhere_grasp(anywhere_law *law, int32_t t, const pal_pose *proxy);
 
 static inline double dot(const double a[3], const double b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

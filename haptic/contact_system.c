@@ -12,11 +12,14 @@
 /// coincident points included. 1/k is the compliance of the virtual coupling: the proxy stands at
 /// p_free - f / k, and gaps are taken at p_free. A point that fades gets 1/fade times its own K_ii.
 ///
-/// Unilateral rows have e = -n and the gap w = M z + q >= 0, z >= 0 (complementarity.h); the forces
-/// act on the nodes as Phi^T e z (virtual work).
+/// A point has one row, e = -n with the gap w = M z + q >= 0 and z >= 0, or three, with the slips along
+/// two tangents behind it (friction, or held: w = 0); friction.h solves all together. The forces act on
+/// the nodes as Phi^T e z (virtual work).
 #include <string.h>
 
 #include "haptic/contact_anywhere.h"
+
+enum { ITERATIONS = 200 };
 
 void pal_anywhere_gather(anywhere_law *law) {
     int32_t kept = 0;
@@ -42,68 +45,81 @@ void pal_anywhere_gather(anywhere_law *law) {
 }
 
 /// y = R Phi^T e
-static void sweep(const anywhere_law *law, const anywhere_row *row, double *restrict y) {
+static void sweep(const anywhere_law *law, const anywhere_point *point, const double along[3],
+                  double *restrict y) {
     const pal_working_set *set = &law->set;
-    const anywhere_point *point = &law->point[row->point];
     size_t n = 3 * (size_t)set->count, ld = (size_t)set->stride;
     memset(y, 0, n * sizeof *y);
     for (int32_t k = 0; k < point->phi.count; k++) {
         const double *restrict c = set->block + 3 * (size_t)point->slot[k] * ld;
-        double a0 = point->phi.phi[k] * row->along[0], a1 = point->phi.phi[k] * row->along[1],
-               a2 = point->phi.phi[k] * row->along[2];
+        double a0 = point->phi.phi[k] * along[0], a1 = point->phi.phi[k] * along[1],
+               a2 = point->phi.phi[k] * along[2];
         for (size_t i = 0; i < n; i++) {
             y[i] += a0 * c[i] + a1 * c[i + ld] + a2 * c[i + 2 * ld];
         }
     }
 }
 
-/// e^T Phi y
-static double sample(const anywhere_law *law, const anywhere_row *row, const double *y) {
-    const anywhere_point *point = &law->point[row->point];
-    double sum[3] = {0.0, 0.0, 0.0};
+/// v = Phi y
+static void sample(const anywhere_point *point, const double *y, double v[3]) {
+    v[0] = v[1] = v[2] = 0.0;
     for (int32_t k = 0; k < point->phi.count; k++) {
-        const double *v = y + 3 * (size_t)point->slot[k];
+        const double *at = y + 3 * (size_t)point->slot[k];
         for (int i = 0; i < 3; i++) {
-            sum[i] += point->phi.phi[k] * v[i];
+            v[i] += point->phi.phi[k] * at[i];
         }
     }
-    return dot(row->along, sum);
 }
 
-/// e_r^T K_ij e_s, and the coupling.
-static double between(const anywhere_law *law, const anywhere_row *r, const anywhere_row *s) {
-    const anywhere_point *i = &law->point[r->point], *j = &law->point[s->point];
+/// b_ij, divided by what a point fades to when i = j
+static double spread(const anywhere_point *i, const anywhere_point *j) {
     double d[3] = {i->x[0] - j->x[0], i->x[1] - j->x[1], i->x[2] - j->x[2]};
-    double width = i->width + j->width, both = dot(r->along, s->along);
-    double blend = law->set.tangent * both + (law->set.normal - law->set.tangent) *
-                                                 dot(r->along, i->normal) *
-                                                 dot(s->along, j->normal);
-    double sum = blend / sqrt(dot(d, d) + width * width);
-    if (r->point == s->point) {
-        sum /= i->fade;
+    double width = i->width + j->width, b = 1.0 / sqrt(dot(d, d) + width * width);
+    return i == j ? b / i->fade : b;
+}
+
+/// Columns of M for point j, rows of the points from `first` on.
+static void fill(anywhere_law *law, const anywhere_point *j, int32_t first) {
+    size_t n = (size_t)law->rows;
+    double t = law->set.tangent, more = law->set.normal - t;
+    for (int32_t b = 0; b < j->rows; b++) {
+        sweep(law, j, j->along[b], law->y + (size_t)(j->first + b) * (size_t)law->ld);
     }
-    return i->tool == j->tool ? sum + law->tool[i->tool].yield * both : sum;
+    for (int32_t p = first; p < law->points; p++) {
+        const anywhere_point *i = &law->point[p];
+        double near = spread(i, j), yield = i->tool == j->tool ? law->tool[i->tool].yield : 0.0;
+        for (int32_t b = 0; b < j->rows; b++) {
+            const double *y = law->y + (size_t)(j->first + b) * (size_t)law->ld;
+            double v[3], *m = law->m + (size_t)(j->first + b) * n + (size_t)i->first;
+            double other = b == 0 ? -more : 0.0; // along[0] = -normal, the others lie across it
+            sample(i, y, v);
+            for (int32_t a = 0; a < i->rows; a++) {
+                double both = dot(i->along[a], j->along[b]);
+                double blend = t * both - (a == 0 ? other : 0.0);
+                m[a] = dot(i->along[a], v) + blend * near + yield * both;
+            }
+        }
+    }
 }
 
 void pal_anywhere_assemble(anywhere_law *law) {
-    law->rows = law->points;
+    law->rows = 0;
     for (int32_t i = 0; i < law->points; i++) {
-        const anywhere_point *point = &law->point[i];
-        law->row[i] = (anywhere_row){
-            .point = i,
-            .along = {-point->normal[0], -point->normal[1], -point->normal[2]}};
-        law->q[i] = point->gap;
-        law->active[i] = law->touching[point->id];
-    }
-    size_t n = (size_t)law->rows;
-    for (size_t s = 0; s < n; s++) {
-        double *y = law->y + s * (size_t)law->ld;
-        sweep(law, &law->row[s], y);
-        for (size_t r = law->set.symmetric ? s : 0; r < n; r++) {
-            law->m[r + s * n] =
-                sample(law, &law->row[r], y) + between(law, &law->row[r], &law->row[s]);
+        anywhere_point *point = &law->point[i];
+        point->rows = point->mu != 0.0 ? 3 : 1;
+        point->first = law->rows;
+        law->rows += point->rows;
+        law->mu[i] = point->mu;
+        law->state[i] = law->before[point->id];
+        for (int32_t a = 0; a < point->rows; a++) {
+            law->q[point->first + a] = point->q[a];
+            law->z[point->first + a] = law->force_before[3 * (size_t)point->id + (size_t)a];
         }
     }
+    for (int32_t j = 0; j < law->points; j++) {
+        fill(law, &law->point[j], law->set.symmetric ? j : 0);
+    }
+    size_t n = (size_t)law->rows;
     for (size_t s = 0; law->set.symmetric && s < n; s++) {
         for (size_t r = 0; r < s; r++) {
             law->m[r + s * n] = law->m[s + r * n];
@@ -112,36 +128,77 @@ void pal_anywhere_assemble(anywhere_law *law) {
 }
 
 int32_t pal_anywhere_solve(anywhere_law *law) {
-    pal_lcp lcp = {.n = law->rows,
-                   .m = law->m,
-                   .ld = law->rows,
-                   .symmetric = law->set.symmetric,
-                   .q = law->q};
-    pal_lcp_result r =
-        pal_lcp_solve(&lcp, PALPATE_LCP_ITERATIONS, law->active, law->z, law->w, law->work);
-    uint32_t fault = r.state == PALPATE_LCP_CUT_OFF    ? PALPATE_FAULT_CUTOFF
-                     : r.state == PALPATE_LCP_SINGULAR ? PALPATE_FAULT_SINGULAR
-                                                       : 0;
-    memset(law->touching, 0, (size_t)law->capacity * sizeof *law->touching);
-    for (int32_t i = 0; i < law->rows; i++) {
-        const anywhere_point *point = &law->point[law->row[i].point];
-        law->touching[point->id] = law->z[i] > 0.0;
+    const pal_friction problem = {.points = law->points,
+                                  .rows = law->rows,
+                                  .m = law->m,
+                                  .ld = law->rows,
+                                  .symmetric = law->set.symmetric,
+                                  .q = law->q,
+                                  .mu = law->mu};
+    pal_friction_result r =
+        pal_friction_solve(&problem, ITERATIONS, law->state, law->z, law->w, law->work);
+    uint32_t fault = r.state == PALPATE_FRICTION_CUT_OFF    ? PALPATE_FAULT_CUTOFF
+                     : r.state == PALPATE_FRICTION_SINGULAR ? PALPATE_FAULT_SINGULAR
+                                                            : 0;
+    memset(law->before, 0, (size_t)law->capacity * sizeof *law->before);
+    memset(law->force_before, 0, 3 * (size_t)law->capacity * sizeof *law->force_before);
+    for (int32_t i = 0; i < law->points; i++) {
+        const anywhere_point *point = &law->point[i];
+        law->before[point->id] = law->state[i];
+        for (int32_t a = 0; a < point->rows; a++) {
+            law->force_before[3 * (size_t)point->id + (size_t)a] = law->z[point->first + a];
+        }
         law->fault[point->tool] |= fault;
     }
     return r.iterations;
 }
 
+void pal_anywhere_displacement(anywhere_law *law, int32_t i, double u[3]) {
+    const pal_working_set *set = &law->set;
+    const anywhere_point *point = &law->point[i];
+    size_t n = 3 * (size_t)set->count, ld = (size_t)set->stride;
+    double t = set->tangent, more = set->normal - t;
+    u[0] = u[1] = u[2] = 0.0;
+    for (size_t c = 0; c < n; c++) { // Phi_i R F
+        const double *column = set->block + c * ld;
+        double v[3];
+        if (law->nodal[c] != 0.0) {
+            sample(point, column, v);
+            for (int k = 0; k < 3; k++) {
+                u[k] += v[k] * law->nodal[c];
+            }
+        }
+    }
+    for (int32_t p = 0; p < law->points; p++) { // K_ij f_j
+        const anywhere_point *j = &law->point[p];
+        double near = spread(point, j), f[3] = {0.0, 0.0, 0.0};
+        for (int32_t b = 0; b < j->rows; b++) {
+            for (int k = 0; k < 3; k++) {
+                f[k] += law->z[j->first + b] * j->along[b][k];
+            }
+        }
+        double along = dot(f, j->normal);
+        for (int k = 0; k < 3; k++) {
+            u[k] += near * (t * f[k] + more * along * point->normal[k]);
+        }
+    }
+}
+
 int32_t pal_anywhere_distribute(anywhere_law *law) {
     const pal_working_set *set = &law->set;
     memset(law->nodal, 0, 3 * (size_t)set->count * sizeof *law->nodal);
-    for (int32_t r = 0; r < law->rows; r++) {
-        const anywhere_row *row = &law->row[r];
-        const anywhere_point *point = &law->point[row->point];
-        for (int32_t k = 0; k < point->phi.count && law->z[r] != 0.0; k++) {
-            double *f = law->nodal + 3 * (size_t)point->slot[k];
-            double a = point->phi.phi[k] * law->z[r];
+    for (int32_t p = 0; p < law->points; p++) {
+        const anywhere_point *point = &law->point[p];
+        double sum[3] = {0.0, 0.0, 0.0};
+        for (int32_t a = 0; a < point->rows; a++) {
             for (int i = 0; i < 3; i++) {
-                f[i] += a * row->along[i];
+                sum[i] += law->z[point->first + a] * point->along[a][i];
+            }
+        }
+        for (int32_t k = 0; k < point->phi.count; k++) {
+            double *f = law->nodal + 3 * (size_t)point->slot[k];
+            for (int i = 0; i < 3; i++) {
+                f[i] += point->phi.phi[k] * sum[i];
             }
         }
     }

@@ -108,6 +108,24 @@ static double node_area(const pal_model *model, const pal_weights *phi) {
     return sum;
 }
 
+/// Directions of a point's rows: inward, then e1 and e2 moved into its tangent plane.
+static void frame(anywhere_point *point, const double across[3]) {
+    const double *n = point->normal;
+    double along = dot(across, n), e[3], length;
+    for (int i = 0; i < 3; i++) {
+        e[i] = across[i] - along * n[i];
+    }
+    length = sqrt(dot(e, e));
+    for (int i = 0; i < 3; i++) {
+        point->along[0][i] = -n[i];
+        point->along[1][i] = e[i] / length; // facing > TURN_MIN keeps it away from 0
+    }
+    e[0] = point->along[1][0], e[1] = point->along[1][1], e[2] = point->along[1][2];
+    point->along[2][0] = n[1] * e[2] - n[2] * e[1];
+    point->along[2][1] = n[2] * e[0] - n[0] * e[2];
+    point->along[2][2] = n[0] * e[1] - n[1] * e[0];
+}
+
 /// Append the point at surface place `at` (cell `area` seen along n; <= 0: that of a node).
 static void add_point(anywhere_law *law, int32_t t, const anywhere_station *s, int32_t k,
                       const pal_surface_point *at, double area, double self) {
@@ -129,7 +147,10 @@ static void add_point(anywhere_law *law, int32_t t, const anywhere_station *s, i
     point->id = s->first + k;
     memcpy(point->x, at->position, sizeof point->x);
     memcpy(point->normal, at->normal, sizeof point->normal);
-    point->gap = -far * facing;
+    point->mu = 0.0;
+    point->q[0] = -far * facing;
+    point->q[1] = point->q[2] = 0.0;
+    frame(point, s->across);
     point->area = area / facing;
     point->width = sqrt(point->area) / (2.0 * self);
     point->fade = fade;
@@ -198,6 +219,9 @@ void pal_anywhere_touch(anywhere_law *law, int32_t t) {
         }
         s->depth = depth;
         carry_frame(s, s->at.normal, fresh);
+        if (tool->held_count > 0) {
+            continue;
+        }
         spread(law, t, s, ball, balanced_depth(depth, ball, law->modulus, tool->yield));
     }
 }
