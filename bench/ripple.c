@@ -148,45 +148,56 @@ static double seconds(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+/// Median time of each query; what is timed is one call and two readings of the clock.
 static void time_queries(const pal_rest_surface *s, const pal_weights_table *table, const walk *w,
                          double built) {
-    pal_weights weights;
-    pal_surface_point x;
-    double t[6] = {0}, sum = 0;
+    enum { KINDS = 7, MOST = 4000 };
+    static const char *const name[KINDS] = {"closest",   "with hint", "track", "project",
+                                            "with hint", "weights",   "widest"};
+    double *t = calloc(KINDS * MOST, sizeof *t), sum = 0;
     int count = 0;
-    for (int repeat = 0; repeat < 20; repeat++) {
-        for (int l = 0; l < LINES; l++) {
-            for (int k = 0; k < w[l].count; k += 7) {
-                const place *at = &w[l].place[k];
-                double p[3], up[3], at0 = seconds();
-                for (int i = 0; i < 3; i++) {
-                    up[i] = at->at.normal[i];
-                    p[i] = at->at.position[i] - 0.7 * at->spacing * up[i];
-                }
-                sum += pal_rest_closest(s, p, 20 * at->spacing, -1, &x);
-                double at1 = seconds();
-                sum += pal_rest_closest(s, p, 20 * at->spacing, at->at.triangle, &x);
-                double at2 = seconds();
-                sum += pal_rest_track(s, p, 20 * at->spacing, &at->at, &x);
-                double at3 = seconds();
-                sum += pal_rest_project(s, p, up, 5 * at->spacing, 0.1, -1, &x);
-                double at4 = seconds();
-                sum += pal_weights_at(table, &at->at, 0.0, &weights);
-                double at5 = seconds();
-                sum += pal_weights_at(table, &at->at, 100, &weights);
-                double at6 = seconds(), all[7] = {at0, at1, at2, at3, at4, at5, at6};
-                for (int i = 0; i < 6; i++) {
-                    t[i] += all[i + 1] - all[i];
-                }
-                count++;
+    for (int k = 0; t != NULL && count < MOST && k < LONGEST; k += 1) {
+        for (int l = 0; l < LINES && count < MOST; l++) {
+            if (k >= w[l].count) {
+                continue;
             }
+            const place *at = &w[l].place[k];
+            pal_weights weights;
+            pal_surface_point x;
+            double p[3], side[3], clock[KINDS + 1], reach = 20 * at->spacing;
+            const double *up = at->at.normal;
+            for (int i = 0; i < 3; i++) { // a little below the surface; beside it by two spacings
+                p[i] = at->at.position[i] - 0.7 * at->spacing * up[i];
+                side[i] = p[i] + 2 * at->spacing * (up[(i + 1) % 3] - up[(i + 2) % 3]);
+            }
+            clock[0] = seconds();
+            sum += pal_rest_closest(s, p, reach, -1, &x);
+            clock[1] = seconds();
+            sum += pal_rest_closest(s, p, reach, at->at.triangle, &x);
+            clock[2] = seconds();
+            sum += pal_rest_track(s, p, reach, &at->at, &x);
+            clock[3] = seconds();
+            sum += pal_rest_project(s, side, up, reach, 0.1, -1, &x);
+            clock[4] = seconds();
+            sum += pal_rest_project(s, side, up, reach, 0.1, at->at.triangle, &x);
+            clock[5] = seconds();
+            sum += pal_weights_at(table, &at->at, 0.0, &weights);
+            clock[6] = seconds();
+            sum += pal_weights_at(table, &at->at, 100, &weights);
+            clock[7] = seconds();
+            for (int i = 0; i < KINDS; i++) {
+                t[i * MOST + count] = clock[i + 1] - clock[i];
+            }
+            count++;
         }
     }
-    printf("  us each: closest %.2f, with hint %.2f, track %.2f, project %.2f, weights %.2f, "
-           "widest %.2f; built in "
-           "%.0f ms (%.0f)\n",
-           1e6 * t[0] / count, 1e6 * t[1] / count, 1e6 * t[2] / count, 1e6 * t[3] / count,
-           1e6 * t[4] / count, 1e6 * t[5] / count, 1e3 * built, sum / count);
+    printf("  us (median of %d):", count);
+    for (int i = 0; i < KINDS && count > 0; i++) {
+        qsort(t + i * MOST, (size_t)count, sizeof *t, by_size);
+        printf(" %s %.2f%s", name[i], 1e6 * t[i * MOST + count / 2], i < KINDS - 1 ? "," : "");
+    }
+    printf("; built in %.0f ms (%.0f answers)\n", 1e3 * built, sum);
+    free(t);
 }
 
 static int measure(const char *name, const pal_model *model, FILE *csv) {

@@ -357,8 +357,11 @@ int pal_rest_closest(const pal_rest_surface *surface, const double p[3], double 
     if (surface->triangle_count == 0 || !isfinite(p[0] + p[1] + p[2]) || !(reach > 0.0)) {
         return 0;
     }
-    if (hint >= 0 && hint < surface->triangle_count) {
-        offer_triangle(&q, hint);
+    if (hint >= 0 && hint < surface->triangle_count) { // a good bound first
+        pal_surface_point near = {.triangle = hint, .weight = {1.0 / 3, 1.0 / 3, 1.0 / 3}};
+        if (pal_rest_track(surface, p, reach, &near, &near)) {
+            offer_triangle(&q, near.triangle);
+        }
     }
     h.count = 0;
     heap_push(&h, 0, box_distance(&surface->box[0], p));
@@ -442,18 +445,28 @@ int pal_rest_track(const pal_rest_surface *surface, const double p[3], double re
 
 // ---- Line ---------------------------------------------------------------------------------------
 
-/// Part of the line inside the box, cut to |t| <= reach. @return least |t| there; -1: none
-static double box_entry(const pal_rest_box *box, const double o[3], const double d[3],
-                        double reach) {
-    double from = -reach, to = reach;
+typedef struct line {
+    const pal_rest_surface *surface;
+    const double *origin, *direction;
+    double across[2][3]; ///< unit, normal to the direction
+    double over[3];      ///< 1 / direction; HUGE_VAL where that is 0
+    double least;        ///< |t| of the best hit
+    double min_cosine;
+    pal_surface_point *out;
+} line;
+
+/// Part of the line inside the box, cut to |t| <= least. @return least |t| there; -1: none
+static double box_entry(const line *q, const pal_rest_box *box) {
+    double from = -q->least, to = q->least;
     for (int i = 0; i < 3; i++) {
-        if (fabs(d[i]) < 1e-12) {
-            if (o[i] < box->low[i] - 1e-12 * reach || o[i] > box->high[i] + 1e-12 * reach) {
+        double low = box->low[i] - q->origin[i], high = box->high[i] - q->origin[i];
+        if (q->over[i] == HUGE_VAL) {
+            if (low > 0.0 || high < 0.0) {
                 return -1.0;
             }
             continue;
         }
-        double a = (box->low[i] - o[i]) / d[i], b = (box->high[i] - o[i]) / d[i];
+        double a = low * q->over[i], b = high * q->over[i];
         from = fmax(from, fmin(a, b));
         to = fmin(to, fmax(a, b));
     }
@@ -462,15 +475,6 @@ static double box_entry(const pal_rest_box *box, const double o[3], const double
     }
     return from > 0.0 ? from : to < 0.0 ? -to : 0.0;
 }
-
-typedef struct line {
-    const pal_rest_surface *surface;
-    const double *origin, *direction;
-    double across[2][3]; ///< unit, normal to the direction
-    double least;        ///< |t| of the best hit
-    double min_cosine;
-    pal_surface_point *out;
-} line;
 
 static void across(const double d[3], double u[3], double v[3]) {
     int i = fabs(d[1]) < fabs(d[0]) ? 1 : 0;
@@ -489,14 +493,13 @@ static void across(const double d[3], double u[3], double v[3]) {
     v[2] = d[0] * u[1] - d[1] * u[0];
 }
 
-static void hit_triangle(line *q, int32_t t) {
-    patch k = patch_of(q->surface, t);
-    double b[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3};
-    int found = 0;
-    for (int n = 0; n < NEWTON && !found; n++) {
+/// Newton from b: where the line meets the patch continued beyond its edges. @return 1: inside; 0:
+/// outside (b tells where to), or no convergence
+static int solve_line(const line *q, const patch *k, double b[3]) {
+    for (int n = 0; n < NEWTON; n++) {
         double x[3], u[3], v[3];
-        patch_position(&k, b, x);
-        patch_slopes(&k, b, u, v);
+        patch_position(k, b, x);
+        patch_slopes(k, b, u, v);
         for (int i = 0; i < 3; i++) {
             x[i] = q->origin[i] - x[i];
         }
@@ -504,23 +507,27 @@ static void hit_triangle(line *q, int32_t t) {
         double a11 = dot(u, e), a12 = dot(v, e), a21 = dot(u, f), a22 = dot(v, f);
         double det = a11 * a22 - a12 * a21, r1 = dot(x, e), r2 = dot(x, f);
         if (!(fabs(det) > 0.0)) {
-            return;
+            return 0;
         }
         double s1 = (r1 * a22 - a12 * r2) / det, s2 = (a11 * r2 - r1 * a21) / det;
         b[1] += s1;
         b[2] += s2;
         b[0] = 1.0 - b[1] - b[2];
         double moved = fmax(fabs(s1), fabs(s2)), low = lowest(b);
-        found = moved < 1e-8;
-        if (!found && n > 0 && !(low > -2.0 && moved > -0.5 * (low + 0.2))) {
-            return;
+        if (moved < 1e-8) {
+            return low >= -TOLERANCE;
+        }
+        if (n > 0 && !(low > -2.0 && moved > -0.5 * (low + 0.2))) {
+            return 0;
         }
     }
-    if (!found || lowest(b) < -TOLERANCE) {
-        return;
-    }
-    clip(b);
+    return 0;
+}
+
+/// The hit at b of triangle t, if it faces the direction within reach. @return 1 or 0
+static int take_hit(line *q, int32_t t, double b[3]) {
     pal_surface_point point;
+    clip(b);
     pal_rest_point(q->surface, t, b, &point);
     double d[3] = {point.position[0] - q->origin[0], point.position[1] - q->origin[1],
                    point.position[2] - q->origin[2]};
@@ -530,7 +537,38 @@ static void hit_triangle(line *q, int32_t t) {
         (far < q->least || (far == q->least && (q->out->triangle < 0 || t < q->out->triangle)))) {
         q->least = far;
         *q->out = point;
+        return 1;
     }
+    return 0;
+}
+
+static void hit_triangle(line *q, int32_t t) {
+    patch k = patch_of(q->surface, t);
+    double b[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3};
+    if (solve_line(q, &k, b)) {
+        (void)take_hit(q, t, b);
+    }
+}
+
+/// From triangle t across the edges towards the line. @return 1: a hit was found that way
+static int walk_to_line(line *q, int32_t t) {
+    int32_t last = -1;
+    for (int n = 0; n < PALPATE_REST_STEPS; n++) {
+        patch k = patch_of(q->surface, t);
+        double b[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3};
+        if (solve_line(q, &k, b)) {
+            return take_hit(q, t, b);
+        }
+        int worst = b[1] < b[0] ? 1 : 0;
+        worst = b[2] < b[worst] ? 2 : worst;
+        int32_t other = q->surface->across[3 * t + (worst + 1) % 3];
+        if (!(b[worst] < 0.0) || other < 0 || other / 3 == last) {
+            return 0; // no convergence, over the rim, or turned away from the line
+        }
+        last = t;
+        t = other / 3;
+    }
+    return 0;
 }
 
 int pal_rest_project(const pal_rest_surface *surface, const double origin[3],
@@ -550,14 +588,17 @@ int pal_rest_project(const pal_rest_surface *surface, const double origin[3],
         return 0;
     }
     across(direction, q.across[0], q.across[1]);
-    if (hint >= 0 && hint < surface->triangle_count) {
-        hit_triangle(&q, hint);
+    if (hint >= 0 && hint < surface->triangle_count && walk_to_line(&q, hint)) {
+        return 1;
+    }
+    for (int i = 0; i < 3; i++) {
+        q.over[i] = fabs(direction[i]) < 1e-12 ? HUGE_VAL : 1.0 / direction[i];
     }
     stack[0] = 0;
     while (depth > 0 && tests < PALPATE_REST_TESTS) {
         int32_t self = stack[--depth];
         const pal_rest_box *box = &surface->box[self];
-        if (box_entry(box, origin, direction, q.least) < 0.0) {
+        if (box_entry(&q, box) < 0.0) {
             continue; // again: the best hit may be nearer by now
         }
         if (box->count > 0) {
@@ -568,8 +609,8 @@ int pal_rest_project(const pal_rest_surface *surface, const double origin[3],
             continue;
         }
         int32_t child[2] = {self + 1, box->first};
-        double r[2] = {box_entry(&surface->box[child[0]], origin, direction, q.least),
-                       box_entry(&surface->box[child[1]], origin, direction, q.least)};
+        double r[2] = {box_entry(&q, &surface->box[child[0]]),
+                       box_entry(&q, &surface->box[child[1]])};
         int near = r[1] < r[0];
         for (int k = 0; k < 2; k++) {
             int c = k == 0 ? !near : near;

@@ -83,11 +83,9 @@ void pal_rest_init(pal_rest_surface *surface, const pal_model *model, void *memo
 
 /// The point whose normal goes through p and that is nearest to p.
 /// @param reach  look no farther than this [m]
-/// @param hint   a triangle tried first (that of the last tick), or -1: only speeds the search up;
-/// the
-///               answer does not depend on it
-/// @param[out] out  triangle = -1 when there is none within reach (beyond the rim of an open
-/// surface)
+/// @param hint   a triangle to start from (that of the last tick), or -1: only speeds the search up,
+///               the answer does not depend on it
+/// @param[out] out  triangle = -1 when none is within reach (beyond the rim of an open surface)
 /// @return 1 found, 0 not
 /// Cost: up to PALPATE_REST_TESTS triangles, boxes twice that; typically 2 to 10. When the count
 /// runs out (p near the centre of a sphere: all of it is equally near) the nearest so far is
@@ -106,14 +104,16 @@ int pal_rest_track(const pal_rest_surface *surface, const double p[3], double re
                    const pal_surface_point *from, pal_surface_point *out);
 enum { PALPATE_REST_STEPS = 32 };
 
-/// The hit of the line origin + t direction with |t| least whose normal has
-/// normal . direction > min_cosine: give the *outward* direction (normal of the contact's centre).
-/// Fade a contact as normal . direction falls to min_cosine: there the surface turns away from the
-/// line and hits come and go.
+/// A hit of the line origin + t direction whose normal has normal . direction > min_cosine: give the
+/// *outward* direction (normal at the contact's foot). Fade a contact as normal . direction falls to
+/// min_cosine: there the surface turns away from the line and hits come and go.
 /// @param direction  unit, outward
 /// @param reach      |t| at most [m]
-/// @param hint       a triangle tried first, or -1: speeds the search up only
+/// @param hint       a triangle (that of the contact's foot): the hit is the one that a walk over the
+///                   surface from there towards the line comes to, so never on another fold; when there
+///                   is none, or for -1, the hit with |t| least
 /// @return 1 hit, 0 none (out->triangle = -1)
+/// Cost: one triangle per edge crossed, PALPATE_REST_STEPS at most; else PALPATE_REST_TESTS triangles.
 int pal_rest_project(const pal_rest_surface *surface, const double origin[3],
                      const double direction[3], double reach, double min_cosine, int32_t hint,
                      pal_surface_point *out);
