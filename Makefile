@@ -217,12 +217,13 @@ test: deps ## install what is missing, build, run all tests
 	@$(MAKE) --no-print-directory -j$(JOBS) run-tests
 
 # each part ends the whole when it fails
-check: ## what a change must pass: tests, ASan+UBSan, TSan, valgrind on small tests, lint, coverage (long)
+check: ## what a change must pass: tests, ASan+UBSan, TSan, valgrind, golden hashes, lint, coverage (long)
 	@$(MAKE) --no-print-directory test
 	@sh .ci/deps.sh $(PACKAGES) $(PACKAGES_CHECK)
 	@$(MAKE) --no-print-directory asan
 	@$(MAKE) --no-print-directory tsan
 	@$(MAKE) --no-print-directory -j$(JOBS) memcheck
+	@$(MAKE) --no-print-directory golden
 	@$(MAKE) --no-print-directory lint
 	@$(MAKE) --no-print-directory coverage
 
@@ -253,6 +254,17 @@ run-fuzz: $(FUZZ_RUN) $(READER)
 		-print_final_stats=1 -verbosity=1 -artifact_prefix=$(BUILD)/corpus/$$n- $(BUILD)/corpus/$$n \
 		tests/fuzz/corpus/$$n 2>$(BUILD)/corpus/$$n.log || { tail -40 $(BUILD)/corpus/$$n.log; exit 1; }; \
 		grep -E '^stat::number|DONE' $(BUILD)/corpus/$$n.log | tr '\n' ' '; echo; done
+
+# ---- Golden hashes: one driver, the online library built in several ways (tests/golden) --------
+GOLDEN := $(BUILD)/golden-driver
+$(call obj,tests/golden/golden.c): EXTRA = $(call pc-cflags,$(ONLINE_PC))
+$(GOLDEN): $(call obj,tests/golden/golden.c tests/support/synthetic_model.c) $(LIB_A)
+	$(Q)$(CC) $(SANITIZE) $^ $(ONLINE_LIBS) $(LDFLAGS) -o $@
+.PHONY: golden golden-driver
+golden-driver: $(GOLDEN)
+golden: ## the engine's forces bit for bit over compilers, levels and instruction sets
+	@sh .ci/deps.sh $(PACKAGES) clang
+	@MAKE="$(MAKE)" BUILD=$(BUILD)/golden JOBS=$(JOBS) sh tests/golden/compare.sh
 
 # ---- Benches ---------------------------------------------------------------------------------
 BENCH_AUX := $(call obj,$(wildcard bench/common.c) tests/support/synthetic_model.c)
