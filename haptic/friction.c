@@ -31,6 +31,11 @@
 #include "haptic/complementarity.h"
 #include "haptic/dense.h"
 
+/// Not hypot(): libm's last bit depends on its version; forces do not overflow.
+static double length2(double a, double b) {
+    return sqrt(a * a + b * b);
+}
+
 enum { HALVINGS = 7, MEMORY = 4, NEWTON = 30, PROXIMAL = 40, PROXIMAL_STEPS = 20, MU_STEPS = 8 };
 static const double TOLERANCE = 1e-9;   // of the residual over || q ||
 static const double SHRINK = 0.6;       // of a from one proximal point to the next
@@ -114,13 +119,13 @@ static void gap(const pal_friction *p, double shift, const double *q, const doub
 
 /// Onto the disc of radius r >= 0.
 static void disc(double r, double v[2]) {
-    double size = hypot(v[0], v[1]);
+    double size = length2(v[0], v[1]);
     if (size > r) {
         double scale = r / size;
         v[0] *= scale;
         v[1] *= scale;
         // the product may round outwards: keep the promise |f_t| <= mu f_n
-        while (hypot(v[0], v[1]) > r) {
+        while (length2(v[0], v[1]) > r) {
             v[0] *= 1 - 2e-16;
             v[1] *= 1 - 2e-16;
         }
@@ -142,7 +147,7 @@ static double merit(const friction_work *s, const double *force, const double *g
         sum += r * r;
         if (c->mu > 0) {
             double y[2] = {c->dt * f[1] - s->ct * w[1], c->dt * f[2] - s->ct * w[2]};
-            double size = hypot(y[0], y[1]), radius = z > 0 ? c->mu * c->dt * z / c->dn : 0;
+            double size = length2(y[0], y[1]), radius = z > 0 ? c->mu * c->dt * z / c->dn : 0;
             double scale = size > radius ? radius / size : 1;
             double r1 = c->dt * f[1] - scale * y[0], r2 = c->dt * f[2] - scale * y[1];
             sum += r1 * r1 + r2 * r2;
@@ -227,7 +232,7 @@ static int32_t predict(friction_work *s, const uint8_t *hint, int *symmetric) {
             continue;
         }
         double y[2] = {f[1] - s->ct * w[1] / c->dt, f[2] - s->ct * w[2] / c->dt};
-        double size = hypot(y[0], y[1]), radius = c->mu * (z > 0 ? z : 0);
+        double size = length2(y[0], y[1]), radius = c->mu * (z > 0 ? z : 0);
         int sticks = hint != NULL && hint[i] != PALPATE_POINT_OPEN ? hint[i] == PALPATE_POINT_STICK
                                                                    : size <= radius;
         if (sticks || !(size > 0)) {
@@ -446,7 +451,7 @@ static void finish(friction_work *s, uint8_t *state, double *f, double *w) {
     for (int32_t i = 0; i < s->p->points; i++) {
         const point *c = &s->point[i];
         const double *a = s->best_f + c->row;
-        int sticks = c->mu < 0 || (c->mu > 0 && hypot(a[1], a[2]) < c->mu * a[0] * (1 - 1e-9));
+        int sticks = c->mu < 0 || (c->mu > 0 && length2(a[1], a[2]) < c->mu * a[0] * (1 - 1e-9));
         state[i] = sticks       ? PALPATE_POINT_STICK
                    : a[0] > 0 ? PALPATE_POINT_SLIP
                                 : PALPATE_POINT_OPEN;

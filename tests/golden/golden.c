@@ -19,13 +19,12 @@
 
 int main(void);
 
-enum { TICKS = 600, LAWS = 1 };
+enum { TICKS = 600, LAWS = 2 };
 
 /// Choose a contact law. @return its name
 static const char *choose_law(pal_engine_def *def, int law) {
-    (void)def;
-    (void)law;
-    return "nodes";
+    def->contact_law = law == 0 ? PALPATE_CONTACT_SURFACE : PALPATE_CONTACT_NODES;
+    return law == 0 ? "surface" : "nodes";
 }
 
 typedef struct scenario {
