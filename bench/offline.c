@@ -10,8 +10,9 @@
 /// on sampled columns, interleaved, the ratio being of medians in the same run. Growth exponents: the
 /// slope of a least-squares line through (log nodes, log seconds or bytes).
 ///
-///     bench/offline [--large | --middle | --quick] [--method NAME]
-/// (--large adds 20k nodes, --middle stops at 5k, --quick at 2k); writes bench/results/offline.csv, offline.png.
+///     bench/offline [--large | --middle | --quick | --nodes N] [--method NAME]
+/// (--large adds 20k nodes, --middle stops at 5k, --quick at 2k); writes bench/results/offline.csv, offline.png
+/// (--nodes, one size alone, writes neither).
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -311,8 +312,8 @@ static void plot(void) {
 }
 
 int main(int argc, char **argv) {
-    static const int target[] = {1000, 2000, 5000, 10000, 20000};
-    int sizes = 4, only = -1, count = 0;
+    int target[] = {1000, 2000, 5000, 10000, 20000};
+    int sizes = 4, only = -1, count = 0, alone = 0;
     for (int i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--large") == 0) {
             sizes = 5;
@@ -323,15 +324,18 @@ int main(int argc, char **argv) {
             sizes = 2;
         } else if (strcmp(argv[i], "--middle") == 0) {
             sizes = 3;
+        } else if (strcmp(argv[i], "--nodes") == 0 && i + 1 < argc) {
+            target[0] = (int)fmax(300.0, atof(argv[++i]));
+            alone = sizes = 1;
         } else if (strcmp(argv[i], "--method") == 0 && i + 1 < argc) {
             i++;
             only = strcmp(argv[i], "galerkin") == 0;
         } else {
-            (void)fprintf(stderr, "usage: %s [--large | --middle | --quick] [--method cell|galerkin]\n", argv[0]);
+            (void)fprintf(stderr, "usage: %s [--large | --middle | --quick | --nodes N] [--method cell|galerkin]\n", argv[0]);
             return 2;
         }
     }
-    FILE *csv = fopen("bench/results/offline.csv", "w");
+    FILE *csv = fopen(alone ? "/dev/null" : "bench/results/offline.csv", "w");
     if (csv == NULL) {
         (void)fprintf(stderr, "bench/offline: run from the project's folder\n");
         return 1;
@@ -374,10 +378,13 @@ int main(int argc, char **argv) {
         }
     }
     (void)fclose(csv);
-    for (int m = 0; m < METHODS; m++) {
+    for (int m = 0; m < METHODS && !alone; m++) {
         if (only < 0 || only == m) {
             exponents(all, count, m);
         }
+    }
+    if (alone) {
+        return count > 0 ? 0 : 1;
     }
     printf("CPU ms per column on one thread (cell: CHOLMOD one at a time, not refined); "
            "bench/results/offline.csv, offline.png\n");

@@ -1,5 +1,5 @@
 /// @file command_precompute.c  palpate precompute SCENE [-o MODEL]
-#include "haptic/program/program.h"
+#include "haptic/program/budget.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -16,6 +16,8 @@ typedef struct options {
     const char *output;
     int rebuild;
     double target; ///< of the estimated error; 0: none
+    budget budget;
+    int has_budget;
 } options;
 
 static error_t parse(int key, char *arg, struct argp_state *state) {
@@ -38,6 +40,12 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         }
         return 0;
     }
+    case 'b':
+        o->has_budget = budget_parse(arg, &o->budget);
+        if (!o->has_budget) {
+            argp_error(state, "--budget %s: a time per tick (300us, 0.3ms), bytes (200MB) or an error (2%%)", arg);
+        }
+        return 0;
     case ARGP_KEY_ARG:
         if (o->scene != NULL) {
             argp_error(state, "one SCENE, please");
@@ -56,6 +64,9 @@ static const struct argp_option list[] = {
     {"output", 'o', "MODEL", 0, "Write the model file here as well (default: only the cache)", 1},
     {"target-error", 't', "E", 0,
      "Refine all spacings until the estimated error of the patches' forces is at most E (e.g. 0.03)", 1},
+    {"budget", 'b', "B", 0,
+     "Pick method, spacing, stored rows, precision and who computes the field so that a tick (300us), the "
+     "model (200MB) or its error (2%) keeps to B; may be given once of each kind", 1},
     {"rebuild", 'r', NULL, 0, "Build even when the cache has the model", 1},
     {0}};
 static const char doc[] =
@@ -66,7 +77,8 @@ static const char doc[] =
     "determines it: any change of physics rebuilds, nothing else does. A model that fails its "
     "certificate is not written unless the scene says `certify: warn`.\n\n"
     "Example:\n  palpate precompute scenes/hemisphere.yaml -o hemisphere.palpate \\\n"
-    "    --set body.material.poisson=0.45";
+    "    --set body.material.poisson=0.45\n"
+    "  palpate precompute scenes/organ.yaml --budget 300us --budget 200MB";
 
 /// Refine until the estimate meets the target. The error goes with the spacing, which sets the steps.
 static pal_status refine(source *s, options *o, pal_error *error) {
@@ -131,7 +143,12 @@ int command_precompute(int argc, char **argv) {
             return report_error(&o.common, status, &error);
         }
     }
-    status = source_open(o.scene, &o.common, 0, &s, &error);
+    json_t *account = NULL;
+    if (o.has_budget) {
+        status = budget_build(o.scene, &o.budget, &o.common, &s, &account, &error);
+    } else {
+        status = source_open(o.scene, &o.common, 0, &s, &error);
+    }
     if (status == PALPATE_OK && s.scene == NULL) {
         source_close(&s);
         (void)snprintf(error.message, sizeof error.message,
@@ -145,6 +162,7 @@ int command_precompute(int argc, char **argv) {
         status = pal_model_save(s.model, o.output, &error);
     }
     if (status != PALPATE_OK) {
+        json_decref(account);
         source_close(&s);
         return report_error(&o.common, status, &error);
     }
@@ -157,11 +175,18 @@ int command_precompute(int argc, char **argv) {
         json_object_set_new(object, "model", json_string(path));
         json_object_set_new(object, "cached", json_boolean(s.was_cached));
         json_object_set_new(object, "warnings", source_warnings_json(&s));
+        if (account != NULL) {
+            json_object_set(object, "budget", account);
+        }
         print_json(object);
     } else {
         print_info(s.model);
+        if (account != NULL) {
+            budget_print(account);
+        }
         (void)printf("model          %s%s\n", path, s.was_cached ? " (was in the cache)" : "");
     }
+    json_decref(account);
     source_close(&s);
     return 0;
 }
