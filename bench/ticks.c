@@ -40,7 +40,8 @@ static int64_t clock_cost(void) {
 
 typedef struct bench_case {
     const char *name, *scene; ///< scene NULL: the half space
-    const char *precision;    ///< of the stored rows
+    pal_precision precision;  ///< of the half space's stored rows
+    pal_contact_kind law;
     pal_field_by by;
     double radius;    ///< of the sphere; 0: the scene's own
     pal_stroke stroke;
@@ -51,22 +52,30 @@ typedef struct bench_case {
     {.kind = PALPATE_STROKE_CIRCLE, .depth = (depth_), .ramp = 0.5, .period = 2,                   \
      .amplitude = (amplitude_), .tremor_amplitude = 2e-4, .tremor_frequency = 10}
 
+#define SINGLE PALPATE_PRECISION_SINGLE
+#define SCALED PALPATE_PRECISION_SCALED
+#define SURFACE PALPATE_CONTACT_SURFACE
+#define NODES PALPATE_CONTACT_NODES
+#define SERVO PALPATE_FIELD_BY_SERVO
+#define READER PALPATE_FIELD_BY_READER
+
 static const bench_case cases[] = {
-    {"hemisphere", "scenes/hemisphere.yaml", "single", PALPATE_FIELD_BY_SERVO, 0, SLIDE(0.003, 0.004), 0, 0},
-    {"organ", "scenes/organ.yaml", "single", PALPATE_FIELD_BY_SERVO, 0, SLIDE(0.006, 0.008), 0, 0},
-    {"10k", NULL, "single", PALPATE_FIELD_BY_SERVO, 0.012, SLIDE(0.0019, 0.008), 60, 400},
-    {"10k-half", NULL, "half", PALPATE_FIELD_BY_SERVO, 0.012, SLIDE(0.0019, 0.008), 60, 400},
-    {"10k-render", NULL, "single", PALPATE_FIELD_BY_READER, 0.012, SLIDE(0.0019, 0.008), 60, 400},
+    {"hemisphere", "scenes/hemisphere.yaml", SINGLE, SURFACE, SERVO, 0, SLIDE(0.003, 0.004), 0, 0},
+    {"organ", "scenes/organ.yaml", SINGLE, SURFACE, SERVO, 0, SLIDE(0.006, 0.008), 0, 0},
+    {"10k", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400},
+    {"10k-scaled", NULL, SCALED, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400},
+    {"10k-render", NULL, SINGLE, SURFACE, READER, 0.012, SLIDE(0.003, 0.006), 60, 400},
+    {"10k-nodes", NULL, SINGLE, NODES, SERVO, 0.012, SLIDE(0.0019, 0.006), 60, 400},
 };
 enum { CASES = sizeof cases / sizeof *cases };
 
 /// About 10 000 stored nodes: 23 x 23 touchable on 25 x 25, 17 layers of which the last is fixed.
-static pal_model *half_space(const char *precision) {
+static pal_model *half_space(pal_precision precision) {
     synthetic_params p = synthetic_default_params();
     p.n = 23;
     p.layers = 17;
     p.rows = SYNTHETIC_ROWS_ALL;
-    p.precision = strcmp(precision, "half") == 0 ? PALPATE_PRECISION_HALF : PALPATE_PRECISION_SINGLE;
+    p.precision = precision;
     return synthetic_model(&p);
 }
 
@@ -85,11 +94,13 @@ enum { FORCE = PALPATE_STAGE_COUNT, TICK, ROWS };
 
 typedef struct measured {
     pal_histogram time[ROWS];
-    uint64_t contacts, touching;
-    int32_t fewest, most;
+    uint64_t contacts, touching, nodes;
+    int32_t fewest, most, nodes_most;
 } measured;
 
-static void add_tick(measured *m, const pal_stages *s, const pal_tool_force *out) {
+static void add_tick(measured *m, const pal_stages *s, const pal_tool_force *out, int32_t nodes) {
+    m->nodes += (uint64_t)nodes;
+    m->nodes_most = nodes > m->nodes_most ? nodes : m->nodes_most;
     int64_t force = 0, all = 0;
     for (int k = 0; k < PALPATE_STAGE_COUNT; k++) {
         pal_histogram_add(&m->time[k], s->ns[k]);
@@ -127,7 +138,7 @@ static pal_status run_ticks(pal_engine *engine, pal_device *device, uint64_t tic
         pal_stages_end(engine->stages, PALPATE_STAGE_DEVICE_OUT);
         pal_engine_field(engine);
         if (engine->stages != NULL) {
-            add_tick(m, &stages, &out);
+            add_tick(m, &stages, &out, engine->result.dof_count / 3);
         }
     }
     return PALPATE_OK;
@@ -139,11 +150,11 @@ static void report(const bench_case *c, const pal_model_info *info, const pal_en
     static const char *const name[ROWS] = {PALPATE_STAGE_LIST(STAGE_TEXT) "pose to force", "whole tick"};
 #undef STAGE_TEXT
     uint64_t ticks = atomic_load(&m->time[TICK].total);
-    printf("\n%s: %d stored nodes in %s, %d touchable, field by the %s, law '%s'; %llu ticks, %.1f contact points "
-           "(%d to %d), faults %llu\n%-38s %8s %8s %8s %8s\n",
-           c->name, info->row_count, c->precision, info->touchable_count,
+    printf("\n%s: %d stored nodes, %d bytes an entry, %d touchable, field by the %s, law '%s'; %llu ticks, %.1f "
+           "contact points (%d to %d), %.1f nodes carry force (most %d), faults %llu\n%-38s %8s %8s %8s %8s\n",
+           c->name, info->row_count, (int)pal_precision_size(info->precision), info->touchable_count,
            c->by == PALPATE_FIELD_BY_SERVO ? "servo" : "reader", engine->law->name, (unsigned long long)ticks,
-           (double)m->contacts / (double)ticks, m->fewest, m->most,
+           (double)m->contacts / (double)ticks, m->fewest, m->most, (double)m->nodes / (double)ticks, m->nodes_most,
            (unsigned long long)(engine->counts.fault[2] + engine->counts.fault[6] + engine->counts.fault[11]),
            "stage [us of thread CPU time]", "p50", "p99", "p99.9", "max");
     for (int k = 0; k < ROWS; k++) {
@@ -191,6 +202,7 @@ static int run_case(const bench_case *c, uint64_t ticks, FILE *csv) {
         def.frame_age = 1;
         def.field_by = c->by;
         def.max_contacts = 64;
+        def.contact_law = c->law;
         failed = pal_device_create(&tool, def.period, &device, &error) != PALPATE_OK ||
                  pal_engine_create(model, &def, &engine, &error) != PALPATE_OK ||
                  run_ticks(engine, &device, ticks + 2000, &m) != PALPATE_OK;

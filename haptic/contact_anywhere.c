@@ -279,6 +279,7 @@ static void finish(anywhere_law *law, int32_t t, const pal_contact_tool *in,
 
 static void anywhere_solve(void *self, const pal_contact_tool tools[], pal_contact_result *result) {
     anywhere_law *law = self;
+    pal_stages *stages = result->stages;
     *result = (pal_contact_result){0};
     memset(law->fault, 0, sizeof law->fault);
     law->points = law->dropped = 0;
@@ -297,6 +298,7 @@ static void anywhere_solve(void *self, const pal_contact_tool tools[], pal_conta
         }
     }
     pal_anywhere_gather(law);
+    pal_stages_end(stages, PALPATE_STAGE_CONTACT);
     pal_anywhere_assemble(law);
     result->iterations = pal_anywhere_solve(law);
     result->dof_count = pal_anywhere_distribute(law);

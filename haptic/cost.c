@@ -54,7 +54,7 @@ pal_status pal_cost_measure(pal_cost_machine *out, pal_error *error) {
     memset(block, 0, most);
     for (int k = 0; k < PALPATE_COST_SIZES; k++) {
         out->bytes[k] = size[k];
-        for (int p = PALPATE_PRECISION_DOUBLE; p <= PALPATE_PRECISION_HALF; p++) {
+        for (int p = PALPATE_PRECISION_DOUBLE; p <= PALPATE_PRECISION_SCALED; p++) {
             out->per_byte[p][k] = sweep_time((pal_precision)p, block, size[k], sum);
         }
     }
@@ -211,15 +211,20 @@ pal_status pal_cost_of_ticks(const pal_model *model, double swell, int runs, pal
     def.reader_count = 1;
     def.frame_age = 1;
     def.max_contacts = runtime->max_contacts > 0 ? runtime->max_contacts : def.max_contacts;
+    def.contact_law = runtime->contact_law;
+    def.contact_points = runtime->contact_points;
     def.period = runtime->servo_rate > 0.0 ? 1.0 / runtime->servo_rate : def.period;
     status = pal_device_create(&tool, def.period, &device, error);
     if (status != PALPATE_OK) {
         return status;
     }
     double length = pal_device_duration(&device);
-    length = length > 0.0 ? fmin(length, 10.0) : 3.0;
-    for (int r = 0; r < 2 * runs && status == PALPATE_OK; r++) {
-        int reader = r % 2, first = r < 2;
+    const pal_stroke *stroke = &tool.device.stroke;
+    length = length > 0.0 ? length : fmax(1.5, stroke->ramp + fmin(stroke->period, 4.0));
+    length = fmin(length, 6.0);
+    int modes = swell == 1.0 ? 2 : 1;
+    for (int r = 0; r < modes * runs && status == PALPATE_OK; r++) {
+        int reader = r % modes, first = r < modes;
         meter m;
         def.field_by = reader ? PALPATE_FIELD_BY_READER : PALPATE_FIELD_BY_SERVO;
         status = init_meter(&m, error);

@@ -19,7 +19,7 @@ enum { PALPATE_COST_SIZES = 6 };
 
 typedef struct pal_cost_machine {
     double bytes[PALPATE_COST_SIZES];          ///< block sizes measured, ascending
-    double per_byte[3][PALPATE_COST_SIZES];    ///< [s], by pal_precision
+    double per_byte[4][PALPATE_COST_SIZES];    ///< [s], by pal_precision
 } pal_cost_machine;
 
 /// Measure the field kernel. Takes about half a second. @return PALPATE_OK; _MEMORY
@@ -36,10 +36,10 @@ typedef struct pal_cost_ticks {
     pal_quantiles force_us;  ///< pose to force
     pal_quantiles field_us;  ///< field and publish, computed each tick
     pal_quantiles tick_us;   ///< both
-    pal_quantiles render_us; ///< both when the readers compute the field
+    pal_quantiles render_us; ///< both when the readers compute the field; own radius only
 } pal_cost_ticks;
 
-/// Drive the model by its first tool's own motion (at most 10 s of it, every tick with its field), or
+/// Drive the model by its first tool's own motion (at most 6 s of it, every tick with its field), or
 /// by a press and circle in the middle of the touchable nodes when it has none. The motion is run
 /// several times and the least of each quantile kept: the ticks are the same to the bit, so what
 /// differs is the machine's other work.

@@ -29,7 +29,7 @@ enum { METHODS = 2, PILOTS = 2, SWELLS = 3, FACTORS = 10, ROWS = 3, PRECISIONS =
        CANDIDATES = METHODS * FACTORS * ROWS * PRECISIONS * BYS };
 static const char *const method_name[METHODS] = {"cell", "galerkin"};
 static const char *const rows_name[ROWS] = {"none", "surface", "all"};
-static const char *const precision_name[3] = {"double", "single", "half"};
+static const char *const precision_name[4] = {"double", "single", "half", "scaled"};
 static const char *const by_name[BYS] = {"servo", "render"};
 /// Where a body is too thin for twice its spacing, pilots are finer.
 enum { PILOT_SETS = 2 };
@@ -145,10 +145,12 @@ static pal_status measure_pilot(search *s, int method, int k, pal_error *error) 
         return status;
     }
     const pal_model_info *i = &p.model->info;
-    status = pal_cost_of_ticks(p.model, 1.0, 2, &ticks, error);
+    status = pal_cost_of_ticks(p.model, 1.0, k + 1, &ticks, error);
     for (int w = 0; w < SWELLS && k == PILOTS - 1 && status == PALPATE_OK; w++) {
-        pal_cost_ticks wide;
-        status = pal_cost_of_ticks(p.model, swells[w], 2, &wide, error);
+        pal_cost_ticks wide = ticks;
+        if (w > 0) {
+            status = pal_cost_of_ticks(p.model, swells[w], 2, &wide, error);
+        }
         s->touched[method][w] = wide.most;
         s->force_us[method][w] = wide.force_us.p99;
     }
@@ -201,6 +203,12 @@ static double force_time(const search *s, int method, double most) {
     return y[k] * pow(fmax(1.0, most) / x[k], slope);
 }
 
+/// Relative error of a displacement by how its rows are stored: half has 2^-11, scaled a fifth of that at
+/// most (bench/compression); single and double are below all else.
+static double rounding_of(pal_precision precision) {
+    return precision == PALPATE_PRECISION_HALF ? 0x1p-11 : precision == PALPATE_PRECISION_SCALED ? 1e-4 : 0.0;
+}
+
 static void predict(const search *s, candidate *c) {
     const pilot *p = s->pilots[c->method];
     double columns = LAW(columns, -2.0), surface = LAW(surface, -2.0), inside = LAW(inside, -3.0);
@@ -212,8 +220,7 @@ static void predict(const search *s, candidate *c) {
     c->bytes = s->correct_bytes *
                (72.0 * columns * columns + 9.0 * columns * rows * (double)pal_precision_size(c->precision));
     c->tick_us = s->correct_tick[c->method][c->by] * (force + (c->by == 0 ? field : 0.0));
-    // stored rows rounded to half: 2^-11 relative; single and double: below all else
-    double rounding = c->precision == PALPATE_PRECISION_HALF && rows > 0.0 ? 0x1p-11 : 0.0;
+    double rounding = rows > 0.0 ? rounding_of(c->precision) : 0.0;
     // a coarse pilot has no second, still coarser cloud in a thin body: the error then goes with the spacing
     double error = p[1].error < 0.0   ? -1.0
                    : p[0].error < 0.0 ? p[1].error * c->factor / s->pilot_factor[1]
@@ -267,13 +274,13 @@ static void enumerate(search *s) {
         for (int f = 0; f < FACTORS && s->has[m]; f++) {
             for (int r = s->asked_rows; r >= 0; r--) {
                 for (int k = 0; k < (r == 0 ? 1 : PRECISIONS * BYS); k++) {
-                    int half = k % PRECISIONS;
-                    if (half && s->asked_precision == PALPATE_PRECISION_HALF) {
-                        continue;
+                    int small = k % PRECISIONS;
+                    if (small && s->asked_precision >= PALPATE_PRECISION_HALF) {
+                        continue; // 16 bits already
                     }
                     s->all[s->count++] = (candidate){
                         .method = m, .rows = r, .by = k / PRECISIONS, .factor = 2.0 * pow(2.0, -f / 3.0),
-                        .precision = half ? PALPATE_PRECISION_HALF : s->asked_precision};
+                        .precision = small ? PALPATE_PRECISION_SCALED : s->asked_precision};
                 }
             }
         }
@@ -385,8 +392,7 @@ static pal_status try_candidate(search *s, candidate *c, source *out, measured *
     m->bytes = (double)i->bytes;
     m->error = i->certificate.estimated_error < 0.0
                    ? -1.0
-                   : i->certificate.estimated_error +
-                         (c->precision == PALPATE_PRECISION_HALF && c->rows > 0 ? 0x1p-11 : 0.0);
+                   : i->certificate.estimated_error + (c->rows > 0 ? rounding_of(c->precision) : 0.0);
     return PALPATE_OK;
 }
 
@@ -450,8 +456,8 @@ static json_t *make_account(const search *s, const candidate *c, const measured 
     json_object_set_new(j, "pilots", pilots);
     json_object_set_new(j, "field_GBs",
                         json_pack("{s:f,s:f}", "single_6MB",
-                                  1e-9 / s->machine.per_byte[PALPATE_PRECISION_SINGLE][3], "half_6MB",
-                                  1e-9 / s->machine.per_byte[PALPATE_PRECISION_HALF][3]));
+                                  1e-9 / s->machine.per_byte[PALPATE_PRECISION_SINGLE][3], "scaled_6MB",
+                                  1e-9 / s->machine.per_byte[PALPATE_PRECISION_SCALED][3]));
     return j;
 }
 

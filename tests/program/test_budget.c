@@ -146,7 +146,7 @@ static void the_field_is_predicted_from_measured_bytes(void **state) {
     (void)state;
     pal_cost_machine machine;
     assert_int_equal(pal_cost_measure(&machine, NULL), PALPATE_OK);
-    for (int p = 0; p < 3; p++) {
+    for (int p = 0; p < 4; p++) {
         for (int k = 0; k < PALPATE_COST_SIZES; k++) {
             assert_true(machine.per_byte[p][k] > 0.0 && isfinite(machine.per_byte[p][k]));
         }
