@@ -119,7 +119,7 @@ static size_t anywhere_bytes(const pal_model *model, const pal_contact_def *def)
     size_t points = (size_t)point_capacity(def), rows = 3 * points;
     size_t nodes = 3 * (size_t)node_capacity(model, def);
     return padded(sizeof(anywhere_law)) + pal_rest_bytes(model) + pal_weights_bytes(model) +
-           pal_working_set_bytes(model, node_capacity(model, def)) +
+           pal_near_bytes(model) + pal_working_set_bytes(model, node_capacity(model, def)) +
            padded(points * sizeof(anywhere_point)) + padded(points * sizeof(anywhere_held)) +
            padded(rows * y_stride(model, def) * sizeof(double)) +
            padded(rows * rows * sizeof(double)) + 4 * padded(rows * sizeof(double)) +
@@ -163,7 +163,8 @@ static void *anywhere_init(void *memory, const pal_model *model, const pal_conta
     pal_rest_init(&law->surface, model, take(&at, pal_rest_bytes(model)));
     pal_weights_init(&law->weights, model, &law->surface, WEIGHT_NODES, PALPATE_WEIGHTS_POWER,
                      take(&at, pal_weights_bytes(model)));
-    pal_working_set_init(&law->set, model, node_capacity(model, def),
+    pal_near_init(&law->near, model, &law->surface, take(&at, pal_near_bytes(model)));
+    pal_working_set_init(&law->set, &law->near, node_capacity(model, def),
                          take(&at, pal_working_set_bytes(model, node_capacity(model, def))));
     law->point = take(&at, points * sizeof *law->point);
     law->held = take(&at, points * sizeof *law->held);

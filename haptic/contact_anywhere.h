@@ -83,6 +83,7 @@ typedef struct anywhere_law {
     const pal_model *model;
     pal_rest_surface surface;
     pal_weights_table weights;
+    pal_near_field near;
     pal_working_set set;
     double spacing; ///< mean node spacing [m]
     double modulus; ///< E / (1 - nu^2) [Pa]

@@ -6,7 +6,7 @@
 ///     M_rs = e_r^T [ Phi_i R Phi_j^T + K_ij ] e_s + (same tool) e_r.e_s / k
 ///     K_ij = (t I + (n - t) n_i n_j^T) b_ij,   b_ij = 1 / sqrt(|x_i - x_j|^2 + (w_i + w_j)^2)
 ///
-/// with R the regular part of the nodes' compliance (working_set.h): what the mesh knows, interpolated,
+/// with R the regular part of the nodes' compliance (near_field.h, working_set.h): what the mesh knows, interpolated,
 /// plus the half-space's 1/r between the points themselves, each with the width of its own cell (w_i =
 /// sqrt(A_i) / (2 self)). b is the Gram matrix of charges spread over depths w_i, so positive definite,
 /// coincident points included. 1/k is the compliance of the virtual coupling: the proxy stands at
@@ -81,7 +81,7 @@ static double spread(const anywhere_point *i, const anywhere_point *j) {
 /// Columns of M for point j, rows of the points from `first` on.
 static void fill(anywhere_law *law, const anywhere_point *j, int32_t first) {
     size_t n = (size_t)law->rows;
-    double t = law->set.tangent, more = law->set.normal - t;
+    double t = law->near.tangent, more = law->near.normal - t;
     for (int32_t b = 0; b < j->rows; b++) {
         sweep(law, j, j->along[b], law->y + (size_t)(j->first + b) * (size_t)law->ld);
     }
@@ -157,7 +157,7 @@ void pal_anywhere_displacement(anywhere_law *law, int32_t i, double u[3]) {
     const pal_working_set *set = &law->set;
     const anywhere_point *point = &law->point[i];
     size_t n = 3 * (size_t)set->count, ld = (size_t)set->stride;
-    double t = set->tangent, more = set->normal - t;
+    double t = law->near.tangent, more = law->near.normal - t;
     u[0] = u[1] = u[2] = 0.0;
     for (size_t c = 0; c < n; c++) { // Phi_i R F
         const double *column = set->block + c * ld;

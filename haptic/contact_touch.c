@@ -164,7 +164,7 @@ static void spread(anywhere_law *law, int32_t t, anywhere_station *s, double bal
         double area = ball == 0.0      ? 0.0
                       : s->length > 0.0 ? 1.4 * a * s->length
                                         : 3.14159265358979324 * a * a;
-        double self = ball == 0.0 || s->length > 0.0 ? PALPATE_LATTICE : tool->pattern.self;
+        double self = ball == 0.0 || s->length > 0.0 ? PALPATE_NEAR_SELF : tool->pattern.self;
         add_point(law, t, s, 0, &s->at, area, self);
         return;
     }

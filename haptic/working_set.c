@@ -5,10 +5,9 @@
 /// trembles over the edge of a stencil reads nothing twice.
 #include "haptic/working_set.h"
 
-#include <math.h>
 #include <string.h>
 
-enum { LINE = 64, STALE = 12, PLACE = 7 };
+enum { LINE = 64, STALE = 12 };
 
 static size_t padded(size_t bytes) {
     return (bytes + LINE - 1) / LINE * LINE;
@@ -22,7 +21,7 @@ size_t pal_working_set_bytes(const pal_model *model, int32_t capacity) {
     size_t n = (size_t)capacity;
     return padded((size_t)model->info.column_count * sizeof(int32_t)) +
            padded(n * sizeof(int32_t)) + padded(n * sizeof(uint64_t)) +
-           padded(PLACE * n * sizeof(double)) + 3 * n * stride_of(capacity) * sizeof(double);
+           3 * n * stride_of(capacity) * sizeof(double);
 }
 
 static void *take(unsigned char **at, size_t bytes) {
@@ -31,23 +30,20 @@ static void *take(unsigned char **at, size_t bytes) {
     return here;
 }
 
-void pal_working_set_init(pal_working_set *set, const pal_model *model, int32_t capacity,
+void pal_working_set_init(pal_working_set *set, const pal_near_field *near, int32_t capacity,
                           void *memory) {
+    const pal_model *model = near->model;
     size_t n = (size_t)capacity;
     unsigned char *at = memory;
     memset(memory, 0, pal_working_set_bytes(model, capacity));
-    double e = model->info.young, nu = model->info.poisson, pi = 3.14159265358979324;
-    int known = e > 0.0 && isfinite(e) && fabs(nu) < 1.0;
     *set = (pal_working_set){.model = model,
+                             .near = near,
                              .symmetric = model->info.certificate.symmetrized != 0,
-                             .normal = known ? (1.0 - nu * nu) / (pi * e) : 0.0,
-                             .tangent = known ? (1.0 + nu) * (1.0 - 0.5 * nu) / (pi * e) : 0.0,
                              .capacity = capacity,
                              .stride = (int32_t)stride_of(capacity)};
     set->slot = take(&at, (size_t)model->info.column_count * sizeof(int32_t));
     set->column = take(&at, n * sizeof(int32_t));
     set->used = take(&at, n * sizeof(uint64_t));
-    set->place = take(&at, PLACE * n * sizeof(double));
     set->block = take(&at, 3 * n * stride_of(capacity) * sizeof(double));
     for (int32_t j = 0; j < model->info.column_count; j++) {
         set->slot[j] = -1;
@@ -81,7 +77,6 @@ static void forget(pal_working_set *set, int32_t s) {
     }
     set->column[s] = set->column[last];
     set->used[s] = set->used[last];
-    memcpy(set->place + PLACE * s, set->place + PLACE * last, PLACE * sizeof *set->place);
     set->slot[set->column[s]] = s;
 }
 
@@ -102,36 +97,18 @@ void pal_working_set_begin(pal_working_set *set) {
     set->tick++;
 }
 
-/// Place, normal and self term of a slot's node.
-static void locate(pal_working_set *set, int32_t s) {
-    const pal_model *m = set->model;
-    size_t node = (size_t)m->column_node[set->column[s]];
-    double *p = set->place + PLACE * (size_t)s, area = 0.0;
-    for (size_t i = 0; i < 3; i++) {
-        p[i] = m->position[3 * node + i];
-        p[3 + i] = m->normal[3 * node + i];
-        area += m->area_vector[3 * node + i] * m->area_vector[3 * node + i];
-    }
-    double root = sqrt(sqrt(area));
-    p[6] = root > 0.0 ? PALPATE_LATTICE / root : 0.0;
-}
-
 /// Store R of slots a (rows) and b (columns) from C's 3 x 3 block, c[row + 3 column].
 static void put(pal_working_set *set, int32_t a, int32_t b, const double c[9]) {
-    const double *p = set->place + PLACE * (size_t)a, *q = set->place + PLACE * (size_t)b;
-    double g = p[6];
-    if (a != b) {
-        double d[3] = {p[0] - q[0], p[1] - q[1], p[2] - q[2]};
-        double r = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-        g = r > 0.0 ? 1.0 / r : g;
+    double r[9];
+    if (!pal_near_pair(set->near, set->column[a], set->column[b], r)) {
+        pal_near_kernel(set->near, set->column[a], set->column[b], r);
+        for (int k = 0; k < 9; k++) {
+            r[k] = c[k] - r[k];
+        }
     }
     double *block = set->block + 3 * (size_t)a + 3 * (size_t)b * (size_t)set->stride;
     for (size_t j = 0; j < 3; j++) {
-        for (size_t i = 0; i < 3; i++) {
-            double blend = (set->normal - set->tangent) * p[3 + i] * q[3 + j];
-            blend += i == j ? set->tangent : 0.0;
-            block[i + j * (size_t)set->stride] = c[i + 3 * j] - blend * g;
-        }
+        memcpy(block + j * (size_t)set->stride, r + 3 * j, 3 * sizeof *r);
     }
 }
 
@@ -149,7 +126,6 @@ int32_t pal_working_set_add(pal_working_set *set, int32_t column) {
     set->column[s] = column;
     set->used[s] = set->tick;
     set->gathered++;
-    locate(set, s);
     const double *c_tt = set->model->c_tt;
     size_t ld = 3 * (size_t)set->model->info.column_count, own = 3 * (size_t)column;
     for (int32_t a = 0; a <= s; a++) {

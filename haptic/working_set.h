@@ -2,17 +2,11 @@
 ///
 /// Contact at a surface point interpolates the nodes around it; the compliance between all nodes in use
 /// is kept here from tick to tick in one small contiguous block, so that only a node that is new costs
-/// accesses to the big C_TT (a cache miss each). What is kept is its regular part
-///
-///     R_ab = C_ab - G_ab,   G_ab = (t I + (n - t) n_a n_b^T) g_ab,
-///     g_ab = 1 / |X_a - X_b|,  g_aa = 3.91 / sqrt(A_a)
-///
-/// with n = (1 - nu^2) / (pi E), t = (1 + nu) (1 - nu/2) / (pi E): Boussinesq's normal compliance of a
-/// half-space and the mean over directions of Cerruti's tangential one; A_a is the node's tributary area
-/// and 3.91 the lattice constant that makes sum_b A_b g_ab the quadrature of 1/r (contact_pattern.c).
-/// R holds what the mesh knows of the body beyond a half-space and is smooth, so it may be interpolated;
-/// what a point load adds of 1/r is put back at the contact points (contact_system.c) with the points'
-/// own area in place of the nodes'. Hence tips below the node spacing resolve, and sliding does not
+/// accesses to the big C_TT (a cache miss each). What is kept is its regular part R_ab (near_field.h):
+/// C_ab less the half-space's own 1/r, and between neighbours, where no mesh resolves 1/r, the value of
+/// the nodes around. R is what the mesh knows of the body beyond a half-space and is smooth, so it may
+/// be interpolated; 1/r is put back between the contact points (contact_system.c) with the points' own
+/// area in place of the nodes'. Hence tips below the node spacing resolve, and sliding does not
 /// rise and fall with the nodes.
 ///
 /// Thread: one at a time. No allocation, every bound a count.
@@ -22,16 +16,12 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "haptic/model.h"
-
-/// Self-compliance of a node: lattice constant (square 3.9002, hexagonal 3.9210).
-#define PALPATE_LATTICE 3.91
+#include "haptic/near_field.h"
 
 typedef struct pal_working_set {
     const pal_model *model;
+    const pal_near_field *near;
     int symmetric;     ///< C_TT is
-    double normal;     ///< n [m/N m]
-    double tangent;    ///< t [m/N m]
     int32_t capacity;  ///< nodes
     int32_t count;     ///< nodes in the set; slots 0 .. count - 1
     int32_t stride;    ///< elements between columns of `block`
@@ -40,14 +30,13 @@ typedef struct pal_working_set {
     int32_t *slot;     ///< of each column node, -1: none; shape [column_count]
     int32_t *column;   ///< column node of each slot, shape [capacity]
     uint64_t *used;    ///< tick in which it was last asked for, shape [capacity]
-    double *place;     ///< rest position, normal and g_aa of each slot, shape [capacity, 7]
     double *block;     ///< R, column-major, (3 capacity x 3 capacity), ld = stride [m/N]
 } pal_working_set;
 
 /// A multiple of 64.
 size_t pal_working_set_bytes(const pal_model *model, int32_t capacity);
 /// @param memory 64-byte aligned, pal_working_set_bytes() long; zeroed here
-void pal_working_set_init(pal_working_set *set, const pal_model *model, int32_t capacity,
+void pal_working_set_init(pal_working_set *set, const pal_near_field *near, int32_t capacity,
                           void *memory);
 void pal_working_set_clear(pal_working_set *set);
 
