@@ -18,6 +18,7 @@ static const command commands[] = {
     {"run", command_run, "SCENE|MODEL [--for S] [--freewheel] [--record FILE] [--snapshot PNG]: feel it"},
     {"recover", command_recover, "FILE: the recording of a run that was killed"},
     {"replay", command_replay, "FILE [--model SCENE|MODEL]: a recording felt again; every force bit for bit?"},
+    {"plot", command_plot, "FILE [-o PNG]: force, depth, compute time and lateness of a recording, drawn"},
     {"view", command_view, "SCENE|MODEL: the running model in a window; the mouse can be the tool"},
     {"doctor", command_doctor, "is this machine ready for real time?"},
     {"schema", command_schema, "every key of a scene"},

@@ -25,6 +25,7 @@ int command_view(int argc, char **argv);
 int command_doctor(int argc, char **argv);
 int command_recover(int argc, char **argv);
 int command_replay(int argc, char **argv);
+int command_plot(int argc, char **argv);
 
 /// ---- Options every command takes (options.c) ---------------------------------------------------
 enum { OVERRIDES_MAX = 256 };

@@ -71,6 +71,34 @@ void pal_colour(double t, double rgb[3]);
 /// The next of 1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten at or above x.
 double pal_round_up(double x);
 
+/// ---- Plots (plot.c): numbers over time, as a picture ---------------------------------------------
+/// One curve: the lowest and highest value within each column of pixels; NaN where there is none.
+typedef struct pal_plot_series {
+    const double *low, *high; ///< shape [columns]
+    double colour[3];
+    const char *name;
+} pal_plot_series;
+typedef struct pal_plot_panel {
+    const char *title, *unit;
+    int logarithmic;
+    double floor; ///< the least value a logarithmic panel shows
+    int series_count;
+    pal_plot_series series[PALPATE_TOOLS_MAX];
+} pal_plot_panel;
+typedef struct pal_plot {
+    const char *title;
+    double from, to; ///< time at the first and behind the last column [s]
+    int columns;     ///< pal_plot_columns of the picture's size
+    const uint8_t *mark; ///< (columns) 1: shade it; NULL: none
+    int panel_count;
+    const pal_plot_panel *panel;
+} pal_plot;
+/// Columns of the plotting area of a picture of that size.
+int pal_plot_columns(int width, int height);
+/// @return PALPATE_OK; _ARGUMENT (too small, other columns), _IO, _MEMORY
+pal_status pal_plot_write_png(const char *path, int width, int height, const pal_plot *plot,
+                              pal_error *error);
+
 /// ---- Pictures (picture.c) -----------------------------------------------------------------------
 /// Write an RGBA picture (alpha ignored) as PNG: temporary file, then rename.
 pal_status pal_picture_write_png(const char *path, int width, int height, const uint8_t *rgba,
