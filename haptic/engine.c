@@ -18,6 +18,7 @@
 #include <string.h>
 
 #include "haptic/error.h"
+#include "haptic/field_model.h"
 
 enum { LINE = PALPATE_CACHE_LINE, CONTACTS_MAX = 1024, POINTS = 16, POINTS_MAX = 64, READERS_MAX = 64 };
 static const uint32_t ENGINE_COOKIE = 0x50414c45u;
@@ -162,15 +163,6 @@ static size_t padded(size_t bytes) {
     return (bytes + LINE - 1) / LINE * LINE;
 }
 
-/// Rows the kernel computes: all of them, up to a whole 64-byte line of the column.
-static int64_t kernel_rows(const pal_model *model) {
-    if (model->info.row_count == 0 || model->c_st == NULL) {
-        return 0;
-    }
-    int64_t granule = LINE / (int64_t)pal_precision_size(model->info.precision);
-    return (3 * (int64_t)model->info.row_count + granule - 1) / granule * granule;
-}
-
 static size_t force32_bytes(const pal_model *model) {
     return padded(3 * (size_t)model->info.column_count * sizeof(float));
 }
@@ -184,14 +176,15 @@ static size_t slot_bytes(const pal_model *model) {
 /// Buffers of one reader.
 static size_t reader_bytes(const pal_model *model, const pal_engine_def *def) {
     return def->field_by == PALPATE_FIELD_BY_READER
-               ? 3 * slot_bytes(model) + padded((size_t)kernel_rows(model) * sizeof(float))
-               : pal_snapshot_bytes(kernel_rows(model));
+               ? 3 * slot_bytes(model) + padded((size_t)pal_field_floats(model) * sizeof(float)) +
+                     pal_field_scratch_bytes(model)
+               : pal_snapshot_bytes(pal_field_floats(model));
 }
 
 static size_t block_bytes(const pal_model *model, const pal_engine_def *def) {
     pal_contact_def contact = contact_def(def);
     return padded(sizeof(pal_engine)) + pal_contact_law_for(def)->bytes(model, &contact) +
-           force32_bytes(model) +
+           force32_bytes(model) + pal_field_scratch_bytes(model) +
            (size_t)def->reader_count *
                (padded(sizeof(pal_reader)) + reader_bytes(model, def));
 }
@@ -225,6 +218,7 @@ static void init_reader(const pal_engine *engine, pal_reader *reader, unsigned c
     }
     reader->engine = engine;
     reader->field = take(at, (size_t)engine->rows * sizeof(float));
+    reader->scratch = take(at, pal_field_scratch_bytes(model));
 }
 
 pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def, pal_engine **out,
@@ -262,7 +256,9 @@ pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def, 
         engine->law->init(take(&at, engine->law->bytes(model, &contact)), model, &contact);
     engine->force32 = take(&at, force32_bytes(model));
     memset(engine->force32, 0, force32_bytes(model));
-    engine->rows = kernel_rows(model);
+    engine->scratch = take(&at, pal_field_scratch_bytes(model));
+    memset(engine->scratch, 0, pal_field_scratch_bytes(model)); // faults the pages in
+    engine->rows = pal_field_floats(model);
     engine->reader = (pal_reader *)(void *)at;
     at += (size_t)def->reader_count * padded(sizeof(pal_reader));
     for (int32_t r = 0; r < def->reader_count; r++) {
@@ -437,17 +433,8 @@ static int wants_frame(const pal_engine *engine, const pal_reader *reader, uint6
 /// Eq. 53 on either side: the same columns in the same order, so the same bits. Reads what is fixed
 /// at creation only.
 static void sum_rows(const pal_engine *engine, int32_t count, const int32_t *dof, const double *f,
-                     const float *f32, float *out) {
-    const pal_field_job job = {.precision = engine->model->info.precision,
-                               .block = engine->model->c_st,
-                               .ld = engine->model->row_ld,
-                               .rows = engine->rows,
-                               .count = count,
-                               .dof = dof,
-                               .f = f,
-                               .f32 = f32,
-                               .out = out};
-    pal_field_sweep(engine->isa, &job);
+                     const float *f32, void *scratch, float *out) {
+    pal_field_compute(engine->isa, engine->model, count, dof, f, f32, scratch, out);
 }
 
 /// The forces that a reader needs to compute the field by itself.
@@ -474,7 +461,7 @@ void pal_engine_field(pal_engine *engine) {
             hand_over(engine, slot);
         } else if (engine->rows > 0 && field == NULL) {
             sum_rows(engine, engine->result.dof_count, engine->result.dof, engine->result.force,
-                     engine->force32, slot->displacement);
+                     engine->force32, engine->scratch, slot->displacement);
             field = slot->displacement;
             pal_stages_end(engine->stages, PALPATE_STAGE_FIELD);
         } else if (field != NULL) {
@@ -520,7 +507,8 @@ int pal_engine_snapshot(pal_reader *reader, pal_frame *frame) {
     if (fresh >= 0 && engine != NULL && engine->rows > 0) {
         const pal_slot *slot = &reader->slot[reader->front];
         if (fresh == 1) {
-            sum_rows(engine, slot->count, slot->dof, slot->f, slot->f32, reader->field);
+            sum_rows(engine, slot->count, slot->dof, slot->f, slot->f32, reader->scratch,
+                     reader->field);
         }
         frame->displacement = reader->field;
     }

@@ -29,8 +29,9 @@ struct pal_engine {
     pal_output output[PALPATE_TOOLS_MAX];
     pal_tool_force force[PALPATE_TOOLS_MAX]; ///< given out, force and torque in the body frame
     float *force32;     ///< result.force x pal_model_unit, rounded; shape [3 column_count]
+    void *scratch;      ///< of pal_field_compute, the servo's
     pal_stages *stages; ///< NULL; a bench's stage clock
-    int64_t rows;       ///< rows the kernel computes: 3 row_count rounded up to a 64-byte line
+    int64_t rows;       ///< floats of a field: 3 row_count rounded up to what the kernel writes
     pal_reader *reader; ///< shape [def.reader_count]
     pal_engine_counts counts;
     uint32_t raised[PALPATE_TOOLS_MAX]; ///< fault bits of the last tick

@@ -42,14 +42,15 @@ static void sweep_scalar(const pal_field_job *job) {
         if (job->precision == PALPATE_PRECISION_DOUBLE) {
             double a = 0.0;
             for (int32_t k = 0; k < job->count; k++) {
-                a += job->f[k] * ((const double *)job->block)[(int64_t)job->dof[k] * job->ld + i];
+                int64_t at = job->dof != NULL ? job->dof[k] : k;
+                a += job->f[k] * ((const double *)job->block)[at * job->ld + i];
             }
             job->out[i] = (float)a;
             continue;
         }
-        float a = 0.0f;
+        float a = job->add ? job->out[i] : 0.0f;
         for (int32_t k = 0; k < job->count; k++) {
-            int64_t at = (int64_t)job->dof[k] * job->ld + i;
+            int64_t at = (job->dof != NULL ? job->dof[k] : k) * job->ld + i;
             float c = job->precision == PALPATE_PRECISION_SINGLE
                           ? ((const float *)job->block)[at]
                       : job->precision == PALPATE_PRECISION_SCALED

@@ -29,16 +29,17 @@ typedef struct pal_field_job {
     int64_t ld;        ///< elements between columns, a multiple of 64 bytes
     int64_t rows;      ///< rows to compute, a multiple of 8 (double), 16 (single), 32 (half, scaled); <= ld
     int32_t count;     ///< columns to sum; 0 gives zero
-    const int32_t *dof; ///< column indices, shape [count]
+    const int32_t *dof; ///< column indices, shape [count]; NULL: 0, 1, 2, ...
     const double *f;    ///< nodal forces [N], shape [count]
     const float *f32;   ///< the same times the columns' units, rounded to single precision, shape [count]
+    int32_t add;        ///< 1: add to what is in out (not in double precision)
     float *out;         ///< displacement [m], shape [rows], 64-byte aligned
 } pal_field_job;
 
 /// 1 when this processor runs the variant.
 int pal_field_available(pal_isa isa);
 /// The widest variant this processor runs.
-pal_isa pal_field_best(void);
+PALPATE_API pal_isa pal_field_best(void);
 const char *pal_isa_name(pal_isa isa);
 
 /// Compute the job with an available variant. Thread: any; no allocation, no system call.

@@ -38,10 +38,11 @@ typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8
         const ELEMENT *column[GROUP];                                                              \
         VECTOR factor[GROUP];                                                                      \
         for (int g = 0; g < (GROUP); g++) {                                                        \
-            column[g] = (const ELEMENT *)job->block + (int64_t)job->dof[first + g] * job->ld + row; \
+            int64_t at = job->dof != NULL ? job->dof[first + g] : first + g;                       \
+            column[g] = (const ELEMENT *)job->block + at * job->ld + row;                          \
             factor[g] = (VECTOR){0} + job->FACTOR[first + g];                                      \
         }                                                                                          \
-        if (first == 0) {                                                                          \
+        if (first == 0 && !job->add) {                                                             \
             SWEEP_LOOP(GROUP, VECTOR, LOAD, (VECTOR){0})                                           \
         } else {                                                                                   \
             SWEEP_LOOP(GROUP, VECTOR, LOAD, *(VECTOR *)(void *)(acc + i))                          \
@@ -53,7 +54,7 @@ typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8
     SWEEP_TARGET static void SWEEP(NAME)(const pal_field_job *job, int64_t row, int64_t rows,      \
                                          SCALAR *acc) {                                            \
         int32_t k = 0;                                                                             \
-        if (job->count == 0) {                                                                     \
+        if (job->count == 0 && !job->add) {                                                        \
             memset(acc, 0, (size_t)rows * sizeof *acc);                                            \
         }                                                                                          \
         for (; k + SWEEP_GROUP <= job->count; k += SWEEP_GROUP) {                                  \

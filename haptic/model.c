@@ -43,6 +43,7 @@ void pal_model_free(pal_model *model) {
     free(model->c_tt);
     free(model->c_st);
     free(model->column_scale);
+    pal_row_bases_free(model->bases);
     free(model->probe_row);
     free(model->patch);
     free(model->probe);
@@ -66,6 +67,9 @@ void pal_model_get_info(const pal_model *model, pal_model_info *out) {
         return;
     }
     *out = model->info;
+    out->row_bytes = pal_model_row_bytes(model);
+    out->row_clusters = model->bases != NULL ? model->bases->cluster_count : 0;
+    out->row_rank = model->bases != NULL ? model->bases->rank : 0;
     if (out->skin_count == 0) { // pal_model_skin then serves the cloud's own surface
         out->skin_count = out->surface_count;
     }
@@ -286,11 +290,12 @@ pal_status pal_model_alloc_rows(pal_model *model, pal_error *error) {
     model->column_scale = NULL;
     model->row_ld = 0;
     model->row_scale = 1;
-    if (info->row_count == 0 || info->column_count == 0) {
+    if (pal_model_block_rows(model) == 0 || info->column_count == 0) {
         return PALPATE_OK;
     }
     size_t column =
-        ((size_t)info->row_count * 3 * element + ROW_ALIGNMENT - 1) / ROW_ALIGNMENT * ROW_ALIGNMENT;
+        ((size_t)pal_model_block_rows(model) * element + ROW_ALIGNMENT - 1) / ROW_ALIGNMENT *
+        ROW_ALIGNMENT;
     if (column % PAGE == 0) { // a dozen columns swept together must not share one set of the cache
         column += ROW_ALIGNMENT;
     }
@@ -345,8 +350,16 @@ static void *column_start(const pal_model *model, int64_t dof) {
            (size_t)dof * (size_t)model->row_ld * pal_precision_size(model->info.precision);
 }
 
+uint64_t pal_model_row_bytes(const pal_model *model) {
+    uint64_t columns = 3 * (uint64_t)model->info.column_count;
+    uint64_t block = columns * (uint64_t)pal_model_block_rows(model) *
+                     pal_precision_size(model->info.precision);
+    return block + (model->column_scale != NULL ? columns * sizeof *model->column_scale : 0) +
+           (model->bases != NULL ? pal_row_bases_bytes(model->bases) : 0);
+}
+
 pal_status pal_model_store_column(pal_model *model, int64_t dof, const double *column) {
-    int64_t rows = 3 * (int64_t)model->info.row_count;
+    int64_t rows = pal_model_block_rows(model);
     if (dof < 0 || dof >= 3 * (int64_t)model->info.column_count || model->c_st == NULL) {
         return PALPATE_ERROR_ARGUMENT;
     }
@@ -376,8 +389,15 @@ pal_status pal_model_store_column(pal_model *model, int64_t dof, const double *c
 
 pal_status pal_model_load_column(const pal_model *model, int64_t dof, double *column) {
     int64_t rows = 3 * (int64_t)model->info.row_count;
-    if (dof < 0 || dof >= 3 * (int64_t)model->info.column_count || model->c_st == NULL) {
+    if (dof < 0 || dof >= 3 * (int64_t)model->info.column_count ||
+        (model->c_st == NULL && model->bases == NULL)) {
         return PALPATE_ERROR_ARGUMENT;
+    }
+    if (model->bases != NULL) {
+        int none = model->c_st == NULL; // rank 0: near pairs alone
+        pal_row_bases_column(model->bases, dof, none ? NULL : column_start(model, dof),
+                             none ? 0 : pal_model_unit(model, dof), column);
+        return PALPATE_OK;
     }
     pal_precision_load(model->info.precision, column_start(model, dof), rows, column);
     double unit = pal_model_unit(model, dof);

@@ -9,6 +9,8 @@
 
 #include <palpate/model.h>
 
+#include "haptic/row_bases.h"
+
 enum { PALPATE_NODE_FIXED = 1, PALPATE_NODE_TOUCHABLE = 2 };
 
 /// A named set of column nodes that `press` displaces together.
@@ -52,6 +54,9 @@ struct pal_model {
     /// Scaled precision: column dof's integers times column_scale[dof] are in m/N, shape
     /// [3 column_count], each finite and positive; NULL in the other precisions.
     double *column_scale;
+    /// NULL: c_st has 3 row_count rows. Else the rows are compressed (row_bases.h), the precision is scaled
+    /// and c_st holds the bases' coefficients S: `rank` rows, no c_st when that is 0.
+    pal_row_bases *bases;
     /// Probe rows (3 probe_count x 3t) [m/N], column-major, ld = 3 probe_count.
     double *probe_row;
 
@@ -71,6 +76,14 @@ struct pal_model {
 /// An empty model (all zero). Exported for libpalpate-offline.
 PALPATE_API pal_model *pal_model_new(void);
 
+/// Rows of c_st without padding: 3 row_count, or the rank of the compressed rows.
+static inline int64_t pal_model_block_rows(const pal_model *model) {
+    return model->bases != NULL ? model->bases->rank : 3 * (int64_t)model->info.row_count;
+}
+
+/// Bytes of the stored rows in memory, whatever their form.
+PALPATE_API uint64_t pal_model_row_bytes(const pal_model *model);
+
 /// Bytes of one element of c_st.
 PALPATE_API size_t pal_precision_size(pal_precision precision);
 
@@ -83,7 +96,8 @@ PALPATE_API pal_status pal_model_alloc_rows(pal_model *model, pal_error *error);
 /// the power of two that brings `largest` between 2^13 and 2^14 (2 bits below overflow).
 PALPATE_API void pal_model_scale_rows(pal_model *model, double largest);
 
-/// Store column `dof` (0 .. 3 column_count - 1) of C_ST. @param[in] column [m/N], shape [3 row_count]
+/// Store column `dof` (0 .. 3 column_count - 1) of C_ST, or of S in a compressed model.
+/// @param[in] column [m/N], shape [pal_model_block_rows]
 /// @return PALPATE_OK; _ARGUMENT when a value does not fit the precision or the dof does not exist
 PALPATE_API pal_status pal_model_store_column(pal_model *model, int64_t dof, const double *column);
 
@@ -111,7 +125,7 @@ PALPATE_API pal_status pal_precision_store(pal_precision precision, const double
 PALPATE_API void pal_precision_load(pal_precision precision, const void *in, int64_t count, double *out);
 
 /// Version of the model file's content; a file with a higher one is refused. A model is written with the
-/// lowest version that can hold it: 1; 2 for rows in scaled precision.
+/// lowest version that can hold it: 1; 2 for rows in scaled precision or compressed.
 enum { PALPATE_MODEL_VERSION = 2 };
 
 /// The model as a sealed file image (file_header.h), to be freed by the caller.

@@ -95,6 +95,9 @@ static pal_status check_info(const pal_model_info *info, pal_error *error) {
                    NAMED(poisson),
                    NAMED(density),
                    NAMED(volume),
+                   NAMED(field_error),
+                   NAMED(field_tolerance),
+                   NAMED(field_us),
                    NAMED(bounds_min[0]),
                    NAMED(bounds_min[1]),
                    NAMED(bounds_min[2]),
@@ -288,7 +291,13 @@ static pal_status check_columns_and_rows(const pal_model *model, pal_error *erro
     }
     TRY(check_finite("probe_row", model->probe_row, 3 * info->probe_count * n, error));
 
-    int64_t rows = 3 * (int64_t)info->row_count;
+    if (model->bases != NULL) {
+        if (info->precision != PALPATE_PRECISION_SCALED) {
+            return BAD("compressed rows must be in scaled precision");
+        }
+        TRY(pal_row_bases_check(model->bases, info->row_count, info->column_count, error));
+    }
+    int64_t rows = pal_model_block_rows(model);
     if (rows == 0 || n == 0) {
         return PALPATE_OK;
     }

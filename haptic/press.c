@@ -80,20 +80,6 @@ out:
     return status;
 }
 
-/// y (count) += scale * c (count), c in the row precision
-static void add_column(const pal_model *model, const char *column, double scale, int64_t count,
-                       double *y) {
-    double value[256];
-    size_t element = pal_precision_size(model->info.precision);
-    for (int64_t at = 0; at < count; at += 256) {
-        int64_t n = count - at < 256 ? count - at : 256;
-        pal_precision_load(model->info.precision, column + (size_t)at * element, n, value);
-        for (int64_t i = 0; i < n; i++) {
-            y[at + i] += scale * value[i];
-        }
-    }
-}
-
 pal_status pal_model_press(const pal_model *model, const char *patch_name, const double by[3],
                            pal_press *out, pal_error *error) {
     if (out == NULL) {
@@ -121,8 +107,10 @@ pal_status pal_model_press(const pal_model *model, const char *patch_name, const
     press.node_force = calloc(m, 3 * sizeof(double));
     press.probe = calloc(probes + 1, 3 * sizeof(double));
     press.displacement = rows > 0 ? calloc(rows, 3 * sizeof(double)) : NULL;
-    if (press.node_force == NULL || press.probe == NULL ||
+    double *column = malloc((3 * rows + 1) * sizeof *column);
+    if (press.node_force == NULL || press.probe == NULL || column == NULL ||
         (rows > 0 && press.displacement == NULL)) {
+        free(column);
         pal_press_clear(&press);
         return pal_fail(error, PALPATE_ERROR_MEMORY,
                         "patch \"%s\": no memory for %zu nodes and %zu rows", patch->name, m, rows);
@@ -132,6 +120,7 @@ pal_status pal_model_press(const pal_model *model, const char *patch_name, const
     }
     pal_status status = solve_patch(model, patch, press.node_force, error);
     if (status != PALPATE_OK) {
+        free(column);
         pal_press_clear(&press);
         return status;
     }
@@ -142,7 +131,6 @@ pal_status pal_model_press(const pal_model *model, const char *patch_name, const
             press.center[c] += x[c] / (double)m;
         }
     }
-    size_t element = pal_precision_size(info->precision);
     for (size_t i = 0; i < m; i++) {
         const double *x = model->position + 3 * (size_t)model->column_node[patch->column[i]];
         const double *f = press.node_force + 3 * i, *o = press.center;
@@ -156,12 +144,14 @@ pal_status pal_model_press(const pal_model *model, const char *patch_name, const
             for (size_t k = 0; k < 3 * probes; k++) {
                 press.probe[k] += model->probe_row[k + dof * 3 * probes] * f[c];
             }
-            if (rows > 0) {
-                add_column(model, (const char *)model->c_st + dof * (size_t)model->row_ld * element,
-                           f[c] * pal_model_unit(model, (int64_t)dof), (int64_t)(3 * rows), press.displacement);
+            if (rows > 0 && pal_model_load_column(model, (int64_t)dof, column) == PALPATE_OK) {
+                for (size_t k = 0; k < 3 * rows; k++) {
+                    press.displacement[k] += f[c] * column[k];
+                }
             }
         }
     }
+    free(column);
     *out = press;
     return PALPATE_OK;
 }

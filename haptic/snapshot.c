@@ -19,6 +19,7 @@ void pal_snapshot_init(pal_reader *reader, void *buffers, int64_t floats) {
     reader->has_frame = 0;
     reader->engine = NULL;
     reader->field = NULL;
+    reader->scratch = NULL;
     for (int i = 0; i < 3; i++) {
         unsigned char *at = (unsigned char *)buffers + (size_t)i * buffer_bytes(floats);
         reader->slot[i] = (pal_slot){0};

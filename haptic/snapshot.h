@@ -40,6 +40,7 @@ struct pal_reader {
     uint32_t has_frame;                                  ///< reader has taken at least one
     const pal_engine *engine; ///< its rows are summed by this reader; NULL: the writer has done it
     float *field;             ///< the reader's own buffer then, shape [engine rows]
+    void *scratch;            ///< and its scratch for the sum
     alignas(PALPATE_CACHE_LINE) pal_slot slot[3];
 };
 

@@ -89,7 +89,11 @@ static pal_status fill_sets(const pal_scene *scene, const pal_node_sets *sets, p
     info->row_count = scene->store_rows == PALPATE_STORE_NONE      ? 0
                       : scene->store_rows == PALPATE_STORE_SURFACE ? info->surface_count
                                                                    : n;
-    info->precision = scene->precision;
+    // a tolerance chooses the form of the rows itself, from rows that are more exact
+    double tolerance = scene->store_tolerance;
+    info->precision = tolerance == 0      ? scene->precision
+                      : tolerance > 1e-5 ? PALPATE_PRECISION_SINGLE
+                                         : PALPATE_PRECISION_DOUBLE;
     info->patch_count = sets->patch_count;
     m->column_node = malloc(((size_t)columns + 1) * sizeof *m->column_node);
     m->row_node = malloc(((size_t)info->row_count + 1) * sizeof *m->row_node);

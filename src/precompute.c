@@ -16,6 +16,7 @@
 #include "src/certificate.h"
 #include "src/cloud.h"
 #include "src/compliance.h"
+#include "src/compress.h"
 #include "src/error_estimate.h"
 #include "src/factor.h"
 #include "src/memory_plan.h"
@@ -46,9 +47,11 @@ static void describe_build(pal_model_info *info, const pal_factor_report *factor
     if (getrusage(RUSAGE_SELF, &usage) == 0) {
         info->peak_bytes = 1024u * (uint64_t)usage.ru_maxrss;
     }
-    uint64_t t = 3 * (uint64_t)info->column_count, s = 3 * (uint64_t)info->row_count;
-    info->bytes = 8 * t * t + t * s * pal_precision_size(info->precision) +
-                  8 * t * 3 * (uint64_t)info->probe_count;
+}
+
+static uint64_t block_bytes(const pal_model *model) {
+    uint64_t t = 3 * (uint64_t)model->info.column_count;
+    return 8 * t * t + pal_model_row_bytes(model) + 8 * t * 3 * (uint64_t)model->info.probe_count;
 }
 
 /// Everything after the cloud.
@@ -109,7 +112,13 @@ static pal_status build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const
         seconds->certify = pal_seconds_now() - begin;
     }
     if (status == PALPATE_OK) {
+        begin = pal_seconds_now();
+        status = pal_compress(model, scene->store_tolerance, progress, error);
+        seconds->solve += pal_seconds_now() - begin;
+    }
+    if (status == PALPATE_OK) {
         describe_build(&model->info, &factor_report, &solve_report);
+        model->info.bytes = block_bytes(model);
     }
     pal_system_clear(&system);
     free(probes);
@@ -233,6 +242,16 @@ static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_pr
         return status;
     }
     *out = model;
+    const pal_model_info *info = &model->info;
+    if (info->field_tolerance > 0 && info->field_error > info->field_tolerance) {
+        status = pal_scene_warn(scene, NULL,
+                                "store.tolerance: %g is asked for, double precision errs by %.1e over sampled "
+                                "contacts; fields are single precision: use 1e-6 or more",
+                                info->field_tolerance, info->field_error);
+        if (status != PALPATE_OK) {
+            return status;
+        }
+    }
     const pal_certificate *c = &model->info.certificate;
     if (!c->pass && scene->certify_warn) {
         return pal_scene_warn(scene, NULL, "the model does not pass its certificate: %s", c->reason);

@@ -266,8 +266,9 @@ static const pal_scene_key KEYS[] = {
            "of the stored displacement rows; scaled: 16-bit integers with a scale per column",
            struct pal_scene, precision),
     NUMBER("store.tolerance", "-", WITHIN(0, 0.5), "0",
-           "relative error allowed in compressing the displacement rows; 0: none", struct pal_scene,
-           store_tolerance, FLAGS(PALPATE_KEY_NOT_BUILT_UNLESS_0)),
+           "the rows are stored in the cheapest form whose displacements err by at most this part of the "
+           "largest (over sampled contacts); 0: as store.precision says", struct pal_scene,
+           store_tolerance),
 
     MAP("skin", "(the body's surface file, or its own surface)",
         "the mesh that a host draws: displacement and normals can be asked for at its vertices",

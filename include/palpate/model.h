@@ -66,6 +66,13 @@ typedef struct pal_model_info {
     pal_precision precision; ///< of the stored rows
     uint64_t bytes;          ///< of the compliance blocks in memory
     uint64_t peak_bytes;     ///< peak resident memory of the offline stage
+    // the displacement field of a contact of 45 nodes, over sampled contacts; 0: not measured
+    double field_error;     ///< worst max |du| / max |u| by the form the rows are stored in
+    double field_tolerance; ///< asked for; 0: the rows are stored as store.precision says
+    double field_us;        ///< predicted time of one field on the machine of bench/results [us]
+    uint64_t row_bytes;     ///< of the stored rows in memory, part of `bytes`
+    int32_t row_clusters;   ///< clusters of rows with a basis each; 0: every row is stored
+    int32_t row_rank;       ///< sum of the bases' ranks, instead of 3 row_count rows
     double spacing_min, spacing_mean, spacing_max; ///< [m]
     double young;                                  ///< [Pa]
     double poisson;

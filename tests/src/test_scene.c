@@ -217,6 +217,7 @@ static const pair PAIRS[] = {
     {"estimate", "estimate=false", "estimate=true"},
     {"store.displacement", "store.displacement=none", "store.displacement=all"},
     {"store.precision", "store.precision=double", "store.precision=half"},
+    {"store.tolerance", "store.tolerance=0", "store.tolerance=1e-3"},
     {"tools[].name", "tools.0.name=a", "tools.0.name=b"},
     {"tools[].shape.point", "tools.0.shape=point", "tools.0.shape={sphere: {radius: 1}}"},
     {"tools[].shape.sphere.radius", "tools.probe.shape.sphere.radius=1",
@@ -355,7 +356,6 @@ static const char *const SELECTOR_PLACES[][2] = {
 /// Not built yet, or with one value only.
 static const char *const EXEMPT[] = {"palpate",
                                      "tools[].friction",
-                                     "store.tolerance",
                                      "method.integration"};
 
 static int differ(const char *a, const char *b) {

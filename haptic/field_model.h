@@ -1,0 +1,36 @@
+/// @file field_model.h  Eq. 53 for a model, in whichever form it stores its rows (private).
+#ifndef PALPATE_HAPTIC_FIELD_MODEL_H
+#define PALPATE_HAPTIC_FIELD_MODEL_H
+
+#include <stddef.h>
+
+#include "haptic/field.h"
+#include "haptic/model.h"
+
+/// Floats of a field: 3 row_count rounded up to what the kernel writes; 0 without rows.
+PALPATE_API int64_t pal_field_floats(const pal_model *model);
+
+/// Bytes of scratch one thread needs, a multiple of 64; 0 where rows are not compressed.
+PALPATE_API size_t pal_field_scratch_bytes(const pal_model *model);
+
+/// The displacement of all stored rows under nodal forces.
+/// @param dof    column dofs, shape [count], no more than 3 column_count, each once
+/// @param f      nodal forces [N], shape [count]
+/// @param f32    f x pal_model_unit(dof) rounded to single precision, shape [count]
+/// @param scratch  pal_field_scratch_bytes, 64-byte aligned; may be NULL when that is 0
+/// @param[out] out  [m], shape [pal_field_floats], 64-byte aligned
+/// Thread: any, with a scratch of its own; no allocation, no system call, no lock. The same bits with
+/// every variant of the kernel.
+PALPATE_API void pal_field_compute(pal_isa isa, const pal_model *model, int32_t count,
+                                   const int32_t *dof, const double *f, const float *f32,
+                                   void *scratch, float *out);
+
+/// Bytes of the stored rows that pal_field_compute reads for these dofs: those that depend on what is
+/// touched (from memory) and, through `fixed`, those read every time (which stay in cache).
+PALPATE_API uint64_t pal_field_bytes(const pal_model *model, int32_t count, const int32_t *dof,
+                                     uint64_t *fixed);
+
+/// Predicted nanoseconds of one field that reads so many bytes, on the machine of bench/results.
+PALPATE_API double pal_field_nanoseconds(uint64_t touched, uint64_t fixed);
+
+#endif
