@@ -22,6 +22,15 @@ enum { DENSE_BELOW = 96 };
 /// ARPACK keeps Fortran SAVE variables: one user at a time.
 static pthread_mutex_t arpack_lock = PTHREAD_MUTEX_INITIALIZER;
 
+/// ARPACK's Fortran routine: its C binding dseupd_c allocates inside and crashes without memory. Lengths
+/// of the strings are passed last, as gfortran does.
+extern void dseupd_(const a_int *rvec, const char *howmny, a_int *select, double *d, double *z,
+                    const a_int *ldz, const double *sigma, const char *bmat, const a_int *n,
+                    const char *which, const a_int *nev, const double *tol, double *resid,
+                    const a_int *ncv, double *v, const a_int *ldv, a_int *iparam, a_int *ipntr,
+                    double *workd, double *workl, const a_int *lworkl, a_int *info, size_t, size_t,
+                    size_t);
+
 /// y = A x with A symmetric (lower triangle of `a`), or y = A^-1 x with A's Cholesky factor.
 static void apply(const double *a, int64_t n, int inverse, const double *x, double *y) {
     if (inverse) {
@@ -57,9 +66,11 @@ static pal_status lanczos(const double *a, int64_t n, int inverse, const char *w
         }
         status = PALPATE_ERROR_SINGULAR;
         if (info >= 0 && iparam[4] >= 1) {
+            const a_int no = 0, one = 1, rows = (a_int)n;
+            const double shift = 0.0, tolerance = 1e-6;
             double d[1] = {0.0};
-            dseupd_c(0, "A", select, d, v, (a_int)n, 0.0, "I", (a_int)n, which, 1, 1e-6, resid, ncv,
-                     v, (a_int)n, iparam, ipntr, workd, workl, lworkl, &info);
+            dseupd_(&no, "A", select, d, v, &rows, &shift, "I", &rows, which, &one, &tolerance, resid,
+                    &ncv, v, &rows, iparam, ipntr, workd, workl, &lworkl, &info, 1, 1, 2);
             *value = d[0];
             status = info == 0 ? PALPATE_OK : PALPATE_ERROR_SINGULAR;
         }

@@ -129,10 +129,11 @@ static pal_status extract_lu(pal_factor *f, pal_error *error) {
     if (!start || !index || !p || !q || !value || alloc_orders(f) != 0) {
         status = no_memory(lnz + unz, error);
     }
+    // with a whole object it fails for lack of memory only
     if (status == PALPATE_OK &&
         umfpack_dl_get_numeric(start, index, value, NULL, NULL, NULL, p, q, NULL, &recip, lu->row_scale,
                                f->numeric) != UMFPACK_OK) {
-        status = pal_fail(error, PALPATE_ERROR_SINGULAR, "UMFPACK did not return its factors");
+        status = no_memory(lnz + unz, error);
     }
     for (size_t i = 0; status == PALPATE_OK && i < n; i++) {
         lu->row_order[i] = (int32_t)p[i];
@@ -149,7 +150,7 @@ static pal_status extract_lu(pal_factor *f, pal_error *error) {
     triangle_clear(&t);
     if (status == PALPATE_OK && umfpack_dl_get_numeric(NULL, NULL, NULL, start, index, value, NULL, NULL,
                                                        NULL, NULL, NULL, f->numeric) != UMFPACK_OK) {
-        status = pal_fail(error, PALPATE_ERROR_SINGULAR, "UMFPACK did not return its factors");
+        status = no_memory(lnz + unz, error);
     }
     if (status == PALPATE_OK &&
         (transpose(n, start, index, value, lu->diagonal, &t) != 0 ||
@@ -223,7 +224,8 @@ static pal_status create_lu(pal_factor *f, const pal_sparse *k, uint64_t reserve
     if (symbolic != NULL) {
         umfpack_dl_free_symbolic(&symbolic);
     }
-    if (s == UMFPACK_ERROR_out_of_memory) {
+    // an ordering fails for lack of memory only: a singular pattern is found later
+    if (s == UMFPACK_ERROR_out_of_memory || s == UMFPACK_ERROR_ordering_failed) {
         return pal_fail(error, PALPATE_ERROR_MEMORY,
                         "out of memory while factoring %d unknowns: use a larger body.spacing", f->n);
     }
@@ -284,6 +286,7 @@ static void chol_start(cholmod_common *common) {
     common->quick_return_if_not_posdef = 1;
     common->nmethods = 1;
     common->method[0].ordering = CHOLMOD_METIS;
+    common->metis_memory = 2.0; // METIS ends the process when it runs out: ask for its room before
     common->postorder = 1;
 }
 

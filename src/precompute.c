@@ -22,6 +22,7 @@
 #include "src/memory_plan.h"
 #include "src/model_cache.h"
 #include "src/model_fill.h"
+#include "src/precompute.h"
 #include "src/scene.h"
 #include "src/scene_check.h"
 #include "src/skin.h"
@@ -54,10 +55,9 @@ static uint64_t block_bytes(const pal_model *model) {
     return 8 * t * t + pal_model_row_bytes(model) + 8 * t * 3 * (uint64_t)model->info.probe_count;
 }
 
-/// Everything after the cloud.
-static pal_status build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const pal_skin_source *skin,
-                                 const pal_node_sets *sets, const pal_progress *progress,
-                                 pal_model *model, pal_error *error) {
+pal_status pal_build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const pal_skin_source *skin,
+                              const pal_node_sets *sets, const pal_progress *progress,
+                              pal_model *model, pal_error *error) {
     pal_system system = {0};
     pal_factor *factor = NULL;
     pal_factor_report factor_report = {0};
@@ -152,12 +152,31 @@ static void leave_one_blas_thread(void) {
 static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_progress *progress,
                                                   pal_model **out, pal_error *error);
 
+static void start_quiet(pal_error *error) {
+    if (error != NULL) {
+        error->message[0] = 0;
+    }
+}
+
+/// The contract of an error: no model unless it only fails its certificate, and always a message (a
+/// warning that found no memory left none).
+static pal_status settle(pal_status status, pal_model **out, pal_error *error) {
+    if (status != PALPATE_OK && status != PALPATE_ERROR_CERTIFICATE) {
+        pal_model_free(*out);
+        *out = NULL;
+    }
+    return status == PALPATE_ERROR_MEMORY && error != NULL && error->message[0] == 0
+               ? pal_fail(error, status, "out of memory")
+               : status;
+}
+
 pal_status pal_precompute(pal_scene *scene, const pal_progress *progress, pal_model **out,
                           pal_error *error) {
+    start_quiet(error);
     enter_one_blas_thread();
     pal_status status = precompute_with_one_blas_thread(scene, progress, out, error);
     leave_one_blas_thread();
-    return status;
+    return settle(status, out, error);
 }
 
 /// Cloud, discretization, factor, compliance, certificate of one scene.
@@ -184,7 +203,7 @@ static pal_status build_model(pal_scene *scene, const pal_progress *progress, pa
         model->info.seconds.cloud = pal_seconds_now() - begin;
     }
     if (status == PALPATE_OK) {
-        status = build_on_cloud(scene, &cloud, &skin, &sets, progress, model, error);
+        status = pal_build_on_cloud(scene, &cloud, &skin, &sets, progress, model, error);
     }
     if (status == PALPATE_OK) {
         model->info.seconds.total = pal_seconds_now() - begin;
@@ -265,8 +284,8 @@ static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_pr
     return PALPATE_OK;
 }
 
-pal_status pal_precompute_cached(pal_scene *scene, const pal_progress *progress, pal_model **out,
-                                 int *was_cached, pal_error *error) {
+static pal_status through_cache(pal_scene *scene, const pal_progress *progress, pal_model **out,
+                                int *was_cached, pal_error *error) {
     char path[4096], hash[65];
     if (was_cached != NULL) {
         *was_cached = 0;
@@ -302,4 +321,10 @@ pal_status pal_precompute_cached(pal_scene *scene, const pal_progress *progress,
         return pal_scene_warn(scene, NULL, "the model is not cached: %s", cache_error.message);
     }
     return PALPATE_OK;
+}
+
+pal_status pal_precompute_cached(pal_scene *scene, const pal_progress *progress, pal_model **out,
+                                 int *was_cached, pal_error *error) {
+    start_quiet(error);
+    return settle(through_cache(scene, progress, out, was_cached, error), out, error);
 }
