@@ -29,7 +29,7 @@
 #include "haptic/error.h"
 #include "haptic/pose.h"
 
-enum { LINE = 64, NODES_PER_POINT = 14, NODES_SPARE = 24, WEIGHT_NODES = PALPATE_WEIGHTS_NODES };
+enum { LINE = 64, NODES_PER_POINT = 14, NODES_SPARE = 24, WEIGHT_NODES = 6 };
 
 // ---- Definition ---------------------------------------------------------------------------------
 
@@ -147,6 +147,21 @@ static void anywhere_reset(void *self) {
     }
 }
 
+/// Root of the mean area of a touchable node.
+static double touchable_spacing(const pal_model *model) {
+    double sum = 0.0;
+    int32_t count = 0;
+    for (int32_t j = 0; j < model->info.column_count; j++) {
+        int32_t node = model->column_node[j];
+        if ((model->node_flags[node] & PALPATE_NODE_TOUCHABLE) != 0) {
+            const double *a = model->area_vector + 3 * (size_t)node;
+            sum += sqrt(dot(a, a));
+            count++;
+        }
+    }
+    return count > 0 && sum > 0.0 ? sqrt(sum / count) : model->info.spacing_mean;
+}
+
 static void *anywhere_init(void *memory, const pal_model *model, const pal_contact_def *def) {
     size_t points = (size_t)point_capacity(def), rows = 3 * points;
     size_t nodes = 3 * (size_t)node_capacity(model, def);
@@ -159,11 +174,11 @@ static void *anywhere_init(void *memory, const pal_model *model, const pal_conta
     law->ld = (int32_t)y_stride(model, def);
     double nu = model->info.poisson;
     law->modulus = fabs(nu) < 1.0 ? model->info.young / (1.0 - nu * nu) : 0.0;
-    law->spacing = model->info.spacing_mean;
+    law->spacing = touchable_spacing(model);
     pal_rest_init(&law->surface, model, take(&at, pal_rest_bytes(model)));
     pal_weights_init(&law->weights, model, &law->surface, WEIGHT_NODES, PALPATE_WEIGHTS_POWER,
                      take(&at, pal_weights_bytes(model)));
-    pal_near_init(&law->near, model, &law->surface, take(&at, pal_near_bytes(model)));
+    pal_near_init(&law->near, model, &law->surface, 2, take(&at, pal_near_bytes(model)));
     pal_working_set_init(&law->set, &law->near, node_capacity(model, def),
                          take(&at, pal_working_set_bytes(model, node_capacity(model, def))));
     law->point = take(&at, points * sizeof *law->point);

@@ -85,7 +85,7 @@ typedef struct anywhere_law {
     pal_weights_table weights;
     pal_near_field near;
     pal_working_set set;
-    double spacing; ///< mean node spacing [m]
+    double spacing; ///< root of the mean area of a touchable node [m]; squared, a point tool's area
     double modulus; ///< E / (1 - nu^2) [Pa]
     anywhere_tool tool[PALPATE_TOOLS_MAX];
     int32_t capacity; ///< points

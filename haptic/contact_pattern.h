@@ -17,16 +17,14 @@ typedef struct pal_pattern {
     /// Self-compliance of a cell of area A is coefficient * self / sqrt(A): calibrated so that Hertz's
     /// force comes out exactly on a half-space (contact_pattern.c)
     double self;
+    double scale; ///< radius of the pattern over that of the overlap; Hertz's contact ends at 0.707
 } pal_pattern;
-
-/// Radius of the pattern over that of the overlap: Hertz's contact ends at 0.707 of it.
-#define PALPATE_PATTERN_SCALE 0.85
 
 /// The largest pattern of at most `points` (>= 1) points.
 void pal_pattern_init(pal_pattern *pattern, int32_t points);
 
-/// Radius of the pattern under a ball pressed by depth > 0 [m]: PALPATE_PATTERN_SCALE times that of the
-/// circle in which the ball cuts the plane, 0.95 of the ball's at most.
-double pal_pattern_radius(double ball, double depth);
+/// Radius of the pattern under a ball pressed by depth > 0 [m]: `scale` times that of the circle in
+/// which the ball cuts the plane, the latter 0.95 of the ball's at most.
+double pal_pattern_radius(const pal_pattern *pattern, double ball, double depth);
 
 #endif

@@ -64,7 +64,7 @@ static int find_foot(anywhere_law *law, anywhere_station *s, const double p[3], 
     } else {
         if (!s->engaged) {
             // the first time: a tool may start pressed in, its centre not deeper than its radius
-            s->outside = s->known ? s->outside || at.distance > 0.0 : at.distance > -ball;
+            s->outside = s->known ? s->outside || at.distance > 0.0 : at.distance > -ball - 1e-9 * all;
         }
         s->at = at;
     }
@@ -98,16 +98,6 @@ static void carry_frame(anywhere_station *s, const double n[3], int fresh) {
     }
 }
 
-/// Area of a point tool: that of the nodes around it.
-static double node_area(const pal_model *model, const pal_weights *phi) {
-    double sum = 0.0;
-    for (int32_t k = 0; k < phi->count; k++) {
-        const double *a = model->area_vector + 3 * (size_t)model->column_node[phi->column[k]];
-        sum += phi->phi[k] * sqrt(dot(a, a));
-    }
-    return sum;
-}
-
 /// Directions of a point's rows: inward, then e1 and e2 moved into its tangent plane.
 static void frame(anywhere_point *point, const double across[3]) {
     const double *n = point->normal;
@@ -126,7 +116,7 @@ static void frame(anywhere_point *point, const double across[3]) {
     point->along[2][2] = n[0] * e[1] - n[1] * e[0];
 }
 
-/// Append the point at surface place `at` (cell `area` seen along n; <= 0: that of a node).
+/// Append the point at surface place `at` (cell `area` seen along n).
 static void add_point(anywhere_law *law, int32_t t, const anywhere_station *s, int32_t k,
                       const pal_surface_point *at, double area, double self) {
     const anywhere_tool *tool = &law->tool[t];
@@ -139,9 +129,6 @@ static void add_point(anywhere_law *law, int32_t t, const anywhere_station *s, i
     anywhere_point *point = &law->point[law->points];
     if (pal_weights_at(&law->weights, at, 0.0, &point->phi) == 0) {
         return;
-    }
-    if (!(area > 0.0)) {
-        area = node_area(law->model, &point->phi);
     }
     point->tool = t;
     point->id = s->first + k;
@@ -159,9 +146,9 @@ static void add_point(anywhere_law *law, int32_t t, const anywhere_station *s, i
 
 static void spread(anywhere_law *law, int32_t t, anywhere_station *s, double ball, double depth) {
     const anywhere_tool *tool = &law->tool[t];
-    double a = pal_pattern_radius(ball, depth);
+    double a = pal_pattern_radius(&tool->pattern, ball, depth);
     if (s->points == 1) {
-        double area = ball == 0.0      ? 0.0
+        double area = ball == 0.0       ? law->spacing * law->spacing
                       : s->length > 0.0 ? 1.4 * a * s->length
                                         : 3.14159265358979324 * a * a;
         double self = ball == 0.0 || s->length > 0.0 ? PALPATE_NEAR_SELF : tool->pattern.self;

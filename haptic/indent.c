@@ -306,7 +306,7 @@ static pal_status find_near(press_system *s, pal_error *error) {
                           s->tool->name, (int)s->model->info.surface_count);
     } else {
         pal_rest_init(&surface, s->model, memory);
-        pal_near_init(&s->near, s->model, &surface, s->near_memory);
+        pal_near_init(&s->near, s->model, &surface, 1, s->near_memory);
     }
     free(memory);
     return status;

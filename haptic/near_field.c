@@ -1,11 +1,11 @@
-/// @file near_field.c  Neighbours of column nodes and their regular compliance, taken two edges
-/// away.
+/// @file near_field.c  Column nodes within one or two edges, and their regular compliance, taken from
+/// the next ones.
 #include "haptic/near_field.h"
 
 #include <math.h>
 #include <string.h>
 
-enum { LINE = 64, RING = 128 };
+enum { LINE = 64, RING = 128, ROOM = 48 };
 
 static size_t padded(size_t bytes) {
     return (bytes + LINE - 1) / LINE * LINE;
@@ -23,10 +23,12 @@ static size_t place(const pal_model *model, pal_near_field *near, int32_t **colu
     } while (0)
     TAKE(near->regular, 9 * n * sizeof(double));
     TAKE(near->spacing, n * sizeof(double));
+    TAKE(near->edge_start, (n + 1) * sizeof(int32_t));
     TAKE(near->start, (n + 1) * sizeof(int32_t));
+    TAKE(near->neighbour, ROOM * n * sizeof(int32_t));
     // every triangle gives each of its corners two neighbours, each counted twice on closed
     // surfaces
-    TAKE(near->neighbour, 6 * (size_t)model->info.triangle_count * sizeof(int32_t));
+    TAKE(near->edge, 6 * (size_t)model->info.triangle_count * sizeof(int32_t));
     TAKE(*column, (size_t)model->info.surface_count * sizeof(int32_t));
 #undef TAKE
     return at;
@@ -99,32 +101,50 @@ static int holds(const int32_t *list, int32_t count, int32_t value) {
     return 0;
 }
 
-static void find_neighbours(pal_near_field *near, const pal_rest_surface *s,
+static void find_edges(pal_near_field *near, const pal_rest_surface *s,
                             const int32_t *column) {
     int32_t total = 0;
     for (int32_t a = 0; a < near->model->info.column_count; a++) {
         int32_t node = near->model->column_node[a], count = 0;
-        near->start[a] = total;
+        near->edge_start[a] = total;
         near->spacing[a] = 0.0;
         for (int32_t k = node < s->node_count ? s->fan_start[node] : 0;
              node < s->node_count && k < s->fan_start[node + 1]; k++) {
             for (int c = 0; c < 3; c++) {
                 int32_t b = column[s->triangle[3 * (size_t)(s->fan[k] / 3) + (size_t)c]];
                 if (b >= 0 && b != a) {
-                    count = insert(near->neighbour + total, count, INT32_MAX, b);
+                    count = insert(near->edge + total, count, INT32_MAX, b);
                 }
             }
         }
         for (int32_t k = 0; k < count; k++) {
-            near->spacing[a] += apart(near, a, near->neighbour[total + k]) / count;
+            near->spacing[a] += apart(near, a, near->edge[total + k]) / count;
+        }
+        total += count;
+    }
+    near->edge_start[near->model->info.column_count] = total;
+}
+
+/// Columns within one or two edges, ROOM of a node at most.
+static void find_neighbours(pal_near_field *near, int32_t edges) {
+    int32_t total = 0;
+    for (int32_t a = 0; a < near->model->info.column_count; a++) {
+        int32_t *list = near->neighbour + total, count = 0;
+        near->start[a] = total;
+        for (int32_t k = near->edge_start[a]; k < near->edge_start[a + 1]; k++) {
+            int32_t b = near->edge[k];
+            count = insert(list, count, ROOM, b);
+            for (int32_t l = near->edge_start[b]; edges > 1 && l < near->edge_start[b + 1]; l++) {
+                count = near->edge[l] != a ? insert(list, count, ROOM, near->edge[l]) : count;
+            }
         }
         total += count;
     }
     near->start[near->model->info.column_count] = total;
 }
 
-/// Columns two edges from a; those one edge away where there are none. @return how many
-static int32_t second_ring(const pal_near_field *near, int32_t a, int32_t *ring) {
+/// The next columns beyond the neighbours of a; the neighbours where there are none. @return how many
+static int32_t ring_around(const pal_near_field *near, int32_t a, int32_t *ring) {
     const int32_t *first = near->neighbour + near->start[a];
     int32_t firsts = near->start[a + 1] - near->start[a], count = 0;
     for (int32_t k = 0; k < firsts; k++) {
@@ -144,7 +164,7 @@ static int32_t second_ring(const pal_near_field *near, int32_t a, int32_t *ring)
 /// Symmetric part of the mean of R over the ring; a node by itself keeps what its share of the
 /// surface does not explain.
 static void find_regular(pal_near_field *near, int32_t a) {
-    int32_t ring[RING], count = second_ring(near, a, ring);
+    int32_t ring[RING], count = ring_around(near, a, ring);
     double mean[9] = {0.0}, c[9], g[9];
     for (int32_t k = 0; k < count; k++) {
         block_of(near->model, a, ring[k], c);
@@ -175,7 +195,7 @@ static void find_regular(pal_near_field *near, int32_t a) {
 }
 
 void pal_near_init(pal_near_field *near, const pal_model *model, const pal_rest_surface *surface,
-                   void *memory) {
+                   int32_t edges, void *memory) {
     int32_t *column = NULL;
     double e = model->info.young, nu = model->info.poisson, pi = 3.14159265358979324;
     int known = e > 0.0 && isfinite(e) && fabs(nu) < 1.0;
@@ -191,15 +211,19 @@ void pal_near_init(pal_near_field *near, const pal_model *model, const pal_rest_
             column[model->column_node[a]] = a;
         }
     }
-    find_neighbours(near, surface, column);
+    find_edges(near, surface, column);
+    find_neighbours(near, edges);
     for (int32_t a = 0; a < model->info.column_count; a++) {
         find_regular(near, a);
     }
 }
 
+static int neighbours(const pal_near_field *near, int32_t a, int32_t b) {
+    return holds(near->neighbour + near->start[a], near->start[a + 1] - near->start[a], b);
+}
+
 int pal_near_pair(const pal_near_field *near, int32_t a, int32_t b, double r[9]) {
-    if (a != b &&
-        !holds(near->neighbour + near->start[a], near->start[a + 1] - near->start[a], b)) {
+    if (a != b && !neighbours(near, a, b) && !neighbours(near, b, a)) {
         return 0;
     }
     const double *x = near->regular + 9 * (size_t)a, *y = near->regular + 9 * (size_t)b;

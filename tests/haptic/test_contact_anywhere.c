@@ -37,11 +37,11 @@ static int surface(void **state) {
 // ---- Pattern ------------------------------------------------------------------------------------
 
 /// Force of a rigid paraboloid on a half-space with the pattern's points, over Hertz's.
-static double hertz_ratio(const pal_pattern *p) {
+static double hertz_ratio(const pal_pattern *p, double scale) {
     double m[PALPATE_PATTERN_MAX * PALPATE_PATTERN_MAX], q[PALPATE_PATTERN_MAX],
         z[PALPATE_PATTERN_MAX], w[PALPATE_PATTERN_MAX], force = 0.0;
     uint8_t active[PALPATE_PATTERN_MAX] = {0};
-    double depth = 1e-4, a = PALPATE_PATTERN_SCALE * sqrt(2.0 * depth); // ball and E* are 1
+    double depth = 1e-4, a = scale * sqrt(2.0 * depth); // ball and E* are 1
     double width = sqrt(p->share * a * a) / (2.0 * p->self);
     for (int i = 0; i < p->count; i++) {
         double r2 = p->at[i][0] * p->at[i][0] + p->at[i][1] * p->at[i][1];
@@ -86,7 +86,11 @@ static void patterns_are_calibrated_and_balanced(void **state) {
         // no direction is preferred; literals of 17 digits and at most 36 turns
         assert_true(hypot(mean[0], mean[1]) < 1e-14);
         assert_true(fabs(second[0] - second[1]) < 1e-14 && fabs(second[2]) < 1e-14);
-        assert_true(fabs(hertz_ratio(&p) - 1) < 1e-6); // `self` has ten digits
+        assert_true(fabs(hertz_ratio(&p, p.scale) - 1) < 1e-6); // `self` has ten digits
+        for (int k = -1; k <= 1 && p.count > 1; k += 2) { // stationary: scale has three digits
+            assert_true(hertz_ratio(&p, (1 + 0.01 * k) * p.scale) < 1);
+            assert_true(hertz_ratio(&p, (1 + 0.05 * k) * p.scale) > 0.996);
+        }
     }
 }
 

@@ -25,7 +25,7 @@ static void make(near_rig *q, double skew) {
     q->near_memory = aligned_alloc(64, pal_near_bytes(q->r.model));
     assert_true(q->surface_memory != NULL && q->near_memory != NULL);
     pal_rest_init(&q->surface, q->r.model, q->surface_memory);
-    pal_near_init(&q->near, q->r.model, &q->surface, q->near_memory);
+    pal_near_init(&q->near, q->r.model, &q->surface, 1, q->near_memory);
 }
 
 static void release(near_rig *q) {
