@@ -17,8 +17,8 @@ static const pal_helper_kind reader = {"palpate-reader", "PALPATE_READER"};
 pal_reader_limits pal_reader_default_limits(int64_t file_bytes) {
     int32_t megabytes = (int32_t)(file_bytes >> 20);
     return (pal_reader_limits){.memory_bytes = ((int64_t)256 << 20) + 64 * file_bytes,
-                               .cpu_seconds = 20 + megabytes,
-                               .seconds = 4 * (20 + megabytes)};
+                               .cpu_seconds = 3 + megabytes,
+                               .seconds = 4 * (3 + megabytes)};
 }
 
 static pal_status check_reply(const pal_reader_request *request, pal_reader_reply *reply,

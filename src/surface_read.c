@@ -37,7 +37,7 @@ static const char *look_at_ply(int fd, int64_t size) {
             why = "its header announces more elements than the file can hold";
             break;
         }
-        if (strncmp(line, "end_header", 10) == 0) {
+        if (strncmp(line, "end_header", 10) == 0 && strspn(line + 10, " \t\r\n") == strlen(line + 10)) {
             why = NULL;
             break;
         }

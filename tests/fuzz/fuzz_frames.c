@@ -4,7 +4,7 @@
 /// Input: a byte of mode; two bytes, the length of the tick items; then 64 bytes that change the
 /// frame header's first fields (exclusive or), the items of the tick file (pressed together: 16 bytes
 /// of input become one item), the rest of the frame file. Mode bit 0: the headers' checksums are made
-/// right; bit 1: the surface's and the items' too. Oracle: refused with a message, or counts that
+/// right; bit 1: the surface's and the items' too; bit 5: the frame file is only read. Oracle: refused with a message, or counts that
 /// add up; what `recover` makes of them opens and has as many rows.
 #include <stdint.h>
 #include <string.h>
@@ -163,7 +163,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     write_ticks(ticks, data + 3, tick_bytes, data[0]);
     write_frames(frames, data + 3 + tick_bytes, size - 3 - tick_bytes, data[0]);
     read_frames(frames);
-    recover(path);
+    if (!(data[0] & 32)) { // HDF5 and fsync take most of the time
+        recover(path);
+    }
     (void)unlink(path);
     (void)unlink(ticks);
     (void)unlink(frames);

@@ -5,6 +5,7 @@
 /// OBJ in order is read in this process. Oracle: refused with a message, or a soup whose corners exist and
 /// whose numbers are finite, which the check takes or refuses with a message.
 #include <stdint.h>
+#include <string.h>
 
 #include "tests/fuzz/scratch.h"
 #include "tests/fuzz/soup.h"
@@ -27,7 +28,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     (void)unlink(path);
     if (status == PALPATE_OK) {
         soup_check(&s);
-    } else if (error.message[0] == 0 || status == PALPATE_ERROR_SYSTEM) {
+    } else if (error.message[0] == 0 ||
+               (status == PALPATE_ERROR_SYSTEM && strstr(error.message, "took more than") == NULL)) {
         (void)fprintf(stderr, "status %d: %s\n", status, error.message);
         abort();
     }
