@@ -19,6 +19,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "haptic/contact.h"
 #include "haptic/contact_surface.h"
 #include "haptic/contact_weights.h"
 
@@ -200,7 +201,62 @@ static void time_queries(const pal_rest_surface *s, const pal_weights_table *tab
     free(t);
 }
 
-static int measure(const char *name, const pal_model *model, FILE *csv) {
+/// Normal force on a ball slid along the lines at constant depth: what the hand feels.
+static void slide(const pal_model *model, const walk *line, double radius, double depth, FILE *csv,
+                  const char *name) {
+    pal_tool_def tool = {.shape = PALPATE_SHAPE_SPHERE};
+    pal_contact_def def = {
+        .tool_count = 1, .tools = &tool, .max_contacts = 32, .points = 16, .period = 1e-3};
+    double *v = calloc(LONGEST, sizeof *v), *window = calloc(LINES * LONGEST, sizeof *window);
+    double mean = 0, jump = 0;
+    int windows = 0, points = 0;
+    void *memory = NULL;
+    for (int l = 0; l < LINES && v != NULL && window != NULL; l++) {
+        if (line[l].count == 0) {
+            continue;
+        }
+        double h = line[l].place[0].spacing; // in spacings at the start of the line
+        tool.radius = radius * h;
+        memory = aligned_alloc(64, pal_contact_anywhere.bytes(model, &def));
+        if (memory == NULL) {
+            break;
+        }
+        void *law = pal_contact_anywhere.init(memory, model, &def);
+        for (int i = 0; i < line[l].count; i++) {
+            const pal_surface_point *at = &line[l].place[i].at;
+            pal_contact_tool pose = {.pose = {.orientation = {1, 0, 0, 0}}, .present = 1};
+            pal_contact_result result;
+            for (int c = 0; c < 3; c++) {
+                pose.pose.position[c] = at->position[c] + (radius - depth) * h * at->normal[c];
+            }
+            pal_contact_anywhere.solve(law, &pose, &result);
+            v[i] = -dot(result.tool[0].force, at->normal);
+            mean += v[i];
+            points++;
+            if (i > 0) { // largest change in a step of 1/24 spacing, over the force
+                jump = fmax(jump, fabs(v[i] - v[i - 1]) / fmax(v[i], 1e-30));
+            }
+        }
+        for (int i = 0; i + WINDOW < line[l].count; i += SAMPLES / 2) {
+            window[windows++] = window_ripple(v + i);
+        }
+        free(memory);
+    }
+    if (windows > 0) {
+        qsort(window, (size_t)windows, sizeof *window, by_size);
+        printf("  ball of %4.1f spacings, %.2f deep: force %.4g N, ripple %5.2f %% median, %5.2f "
+               "%% worst; "
+               "largest step %.2f %%\n",
+               radius, depth, mean / points, 100 * window[windows / 2], 100 * window[windows - 1],
+               100 * jump);
+        fprintf(csv, "%s,%g,%g,%.6g,%.6g,%.6g,%.6g\n", name, radius, depth, mean / points,
+                window[windows / 2], window[windows - 1], jump);
+    }
+    free(v);
+    free(window);
+}
+
+static int measure(const char *name, const pal_model *model, FILE *csv, FILE *balls) {
     static const int nodes[] = {5, 7, 9, 11, 12, 13, 15, 17, 19};
     pal_model_info info;
     pal_model_get_info(model, &info);
@@ -252,6 +308,10 @@ static int measure(const char *name, const pal_model *model, FILE *csv) {
         name, info.node_count, info.touchable_count, info.young, info.poisson, length, LINES,
         1e3 * surface);
     time_queries(&s, &table, line, built);
+    for (int k = 0; k < 9; k++) {
+        static const double radius[] = {0.3, 1, 3}, depth[] = {0.1, 0.3, 0.8};
+        slide(model, line, radius[k / 3], radius[k / 3] * depth[k % 3], balls, name);
+    }
     printf("  %3s", "K");
     for (int p = 1; p <= 4; p++) {
         printf("   p=%d median worst (own width out)", p);
@@ -324,8 +384,9 @@ int main(int argc, char **argv) {
                           "body.patches={}",
                           "body.touchable=[{ball: {center: [0, 0, 0.05], radius: 0.045}}]"};
     int failed = 0;
-    FILE *csv = fopen("bench/results/ripple.csv", "w");
-    if (csv == NULL) {
+    FILE *csv = fopen("bench/results/ripple.csv", "w"),
+         *balls = fopen("bench/results/ripple_slide.csv", "w");
+    if (csv == NULL || balls == NULL) {
         fprintf(stderr, "bench/results: cannot be written; run from the repository's root\n");
         return 1;
     }
@@ -338,9 +399,11 @@ int main(int argc, char **argv) {
         const char *path = argc > 1 ? argv[i + 1] : scenes[i % 3];
         int uniform = argc == 1 && i == 3;
         pal_model *model = uniform ? build(path, even, 6) : build(path, plain, 2);
-        failed |= model == NULL || measure(uniform ? "uniform hemisphere" : path, model, csv);
+        failed |=
+            model == NULL || measure(uniform ? "uniform hemisphere" : path, model, csv, balls);
         pal_model_free(model);
     }
     fclose(csv);
+    fclose(balls);
     return failed;
 }
