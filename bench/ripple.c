@@ -1,18 +1,20 @@
 /// @file ripple.c  How smooth is contact anywhere: ripple of the point compliance over the nodes.
 ///
-///     make bench-ripple                          three scenes and a uniform half ball: table and
+///     make bench-ripple                          three scenes and a uniform half ball: tables and
 ///     CSV make bench-ripple ARGS="scene.yaml ..."    these scenes instead
 ///
-/// c(x) = n' Phi(x) C_TT Phi(x)' n is what one contact point feels at x. It should not know where
-/// the nodes are. Points slide along lines over the touchable surface, more than 20 node spacings
-/// in all, for every number of nodes K and power p of the weights (haptic/contact_weights.h). Two
-/// numbers each, over windows of two spacings, after removing the trend (a quadratic fit per
-/// window: c varies over the body on its own): ripple = (largest - smallest) / mean, the median
-/// over windows and the worst. Beside them the same for c without what the weights' own width
-/// explains, kappa (pi/2)^(1/2) / (2^(1/2) sigma) (kappa = (1 - nu^2) / (pi E)): the contact law
-/// adds the difference of a contact's own footprint to it.
+/// Points slide along lines over the touchable surface, for every number of nodes K and power p of
+/// the weights (haptic/contact_weights.h). What one contact point feels at x should not know where
+/// the nodes are:
+///     nodal       c(x) = n' Phi C_TT Phi' n                        the mesh's own
+///     near field  c(x) = n' Phi R Phi' n + 3.91 n0 / sqrt(cell)    R of haptic/near_field.h, n0 =
+///                 (1 - nu^2) / (pi E): 1/r put back with the area of a contact cell, here a node's
+/// ripple = (largest - smallest) / mean over windows of two spacings after removing a quadratic
+/// trend (c varies over the body on its own): median over the windows and the worst. Then balls are
+/// slid along the same lines at constant depth: ripple of the normal force of the contact law
+/// "surface".
 ///
-/// ripple.csv  one row per scene, K and p. Second table: time of one query on this machine.
+/// ripple.csv, ripple_slide.csv: one row per scene, K, p; per scene and ball. Times are medians.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,6 +24,7 @@
 #include "haptic/contact.h"
 #include "haptic/contact_surface.h"
 #include "haptic/contact_weights.h"
+#include "haptic/near_field.h"
 
 #include <palpate/precompute.h>
 
@@ -56,7 +59,7 @@ static pal_model *build(const char *path, const char *overrides[], int count) {
 
 /// Points a 1/SAMPLES spacing apart along the surface, from a node, turned by `angle` there.
 static walk walk_along(const pal_rest_surface *s, const pal_weights_table *table, int32_t triangle,
-                       double angle) {
+                       double angle, double mean) {
     static const double middle[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3};
     walk w = {.place = calloc(LONGEST, sizeof(place))};
     pal_surface_point x;
@@ -78,8 +81,8 @@ static walk walk_along(const pal_rest_surface *s, const pal_weights_table *table
             break;
         }
         double h = weights.radius * sqrt(2 * 3.14159265358979 / (1.7320508 * (table->nodes + 1)));
-        if (x.inside < 1.5 * h) {
-            break; // one-sided stencils at the rim are faded out by the law
+        if (x.inside < 1.5 * h + mean) { // at the rim the law fades contacts out
+            break;                       // one-sided stencils at the rim are faded out by the law
         }
         w.place[w.count++] = (place){x, h};
         double out = dot(t, x.normal), q[3];
@@ -98,7 +101,9 @@ static walk walk_along(const pal_rest_surface *s, const pal_weights_table *table
     return w;
 }
 
-static double compliance(const pal_model *model, const pal_surface_point *x, const pal_weights *w) {
+/// n' Phi C Phi' n, or with R in place of C (near not NULL).
+static double compliance(const pal_model *model, const pal_near_field *near,
+                         const pal_surface_point *x, const pal_weights *w) {
     pal_model_info info;
     pal_model_get_info(model, &info);
     const double *c = pal_model_compliance(model), *n = x->normal;
@@ -107,9 +112,17 @@ static double compliance(const pal_model *model, const pal_surface_point *x, con
     for (int32_t j = 0; j < w->count; j++) {
         for (int32_t i = 0; i < w->count; i++) {
             const double *block = c + 3 * (size_t)w->column[i] + 3 * (size_t)w->column[j] * ld;
-            double value = 0;
+            double r[9], g[9] = {0}, value = 0;
+            if (near == NULL || !pal_near_pair(near, w->column[i], w->column[j], r)) {
+                if (near != NULL) {
+                    pal_near_kernel(near, w->column[i], w->column[j], g);
+                }
+                for (size_t k = 0; k < 9; k++) {
+                    r[k] = block[k % 3 + k / 3 * ld] - g[k];
+                }
+            }
             for (size_t b = 0; b < 3; b++) {
-                value += n[b] * dot(n, block + b * ld);
+                value += n[b] * dot(n, r + 3 * b);
             }
             sum += w->phi[i] * w->phi[j] * value;
         }
@@ -260,17 +273,19 @@ static int measure(const char *name, const pal_model *model, FILE *csv, FILE *ba
     static const int nodes[] = {5, 7, 9, 11, 12, 13, 15, 17, 19};
     pal_model_info info;
     pal_model_get_info(model, &info);
-    double kappa = (1 - info.poisson * info.poisson) / (3.14159265358979 * info.young);
     pal_rest_surface s;
     pal_weights_table table;
+    pal_near_field near;
     void *a = aligned_alloc(64, pal_rest_bytes(model)),
-         *b = aligned_alloc(64, pal_weights_bytes(model));
+         *b = aligned_alloc(64, pal_weights_bytes(model)),
+         *d = aligned_alloc(64, pal_near_bytes(model));
     double *v = calloc(2 * (LONGEST + 1), sizeof *v),
            *window = calloc(4 * LINES * LONGEST, sizeof *window);
-    if (a == NULL || b == NULL || v == NULL || window == NULL) {
+    if (a == NULL || b == NULL || d == NULL || v == NULL || window == NULL) {
         fprintf(stderr, "%s: no memory\n", name);
         free(a);
         free(b);
+        free(d);
         free(v);
         free(window);
         return 1;
@@ -278,6 +293,7 @@ static int measure(const char *name, const pal_model *model, FILE *csv, FILE *ba
     double start = seconds();
     pal_rest_init(&s, model, a);
     double surface = seconds();
+    pal_near_init(&near, model, &s, d);
     pal_weights_init(&table, model, &s, PALPATE_WEIGHTS_NODES, PALPATE_WEIGHTS_POWER, b);
     double built = seconds() - start;
     surface -= start;
@@ -298,7 +314,8 @@ static int measure(const char *name, const pal_model *model, FILE *csv, FILE *ba
     for (int l = 0; l < LINES; l++) {
         line[l] = (walk){0};
         if (inners > 0) {
-            line[l] = walk_along(&s, &table, inner[(l * 5 + 1) % inners], 1.0 + 2.4 * l);
+            line[l] = walk_along(&s, &table, inner[(l * 5 + 1) % inners], 1.0 + 2.4 * l,
+                                 info.spacing_mean);
         }
         length += (double)line[l].count / SAMPLES;
         longest = fmax(longest, (double)line[l].count / SAMPLES);
@@ -314,7 +331,7 @@ static int measure(const char *name, const pal_model *model, FILE *csv, FILE *ba
     }
     printf("  %3s", "K");
     for (int p = 1; p <= 4; p++) {
-        printf("   p=%d median worst (own width out)", p);
+        printf("   p=%d nodal: median worst, near field", p);
     }
     printf("   ripple [%%]\n");
     for (size_t k = 0; k < sizeof nodes / sizeof *nodes; k++) {
@@ -327,26 +344,17 @@ static int measure(const char *name, const pal_model *model, FILE *csv, FILE *ba
                 for (int i = 0; i < line[l].count; i++) {
                     pal_weights w;
                     (void)pal_weights_at(&table, &line[l].place[i].at, 0.0, &w);
-                    v[i] = compliance(model, &line[l].place[i].at, &w);
-                    v[LONGEST + i] = v[i] - kappa * sqrt(3.14159265358979 / 4) / w.sigma;
+                    const place *at = &line[l].place[i];
+                    v[i] = compliance(model, NULL, &at->at, &w);
+                    v[LONGEST + i] =
+                        compliance(model, &near, &at->at, &w) +
+                        PALPATE_NEAR_SELF * near.normal / (0.93 * line[l].place[0].spacing);
                     sigma += w.sigma / line[l].place[i].spacing;
                     points++;
                 }
                 for (int i = 0; i + WINDOW < line[l].count; i += SAMPLES / 2) {
-                    double mean = 0;
-                    for (int j = 0; j <= WINDOW; j++) {
-                        mean += v[i + j] / (WINDOW + 1);
-                        v[LONGEST + i + j] += 0; // the same mean below: ripple of the same force
-                    }
                     found[0][windows] = window_ripple(v + i);
-                    double shifted[WINDOW + 1], other = 0;
-                    for (int j = 0; j <= WINDOW; j++) {
-                        other += v[LONGEST + i + j] / (WINDOW + 1);
-                    }
-                    for (int j = 0; j <= WINDOW; j++) {
-                        shifted[j] = v[LONGEST + i + j] - other + mean;
-                    }
-                    found[1][windows++] = window_ripple(shifted);
+                    found[1][windows++] = window_ripple(v + LONGEST + i);
                 }
             }
             if (windows == 0) {
@@ -370,6 +378,7 @@ static int measure(const char *name, const pal_model *model, FILE *csv, FILE *ba
     }
     free(a);
     free(b);
+    free(d);
     free(v);
     free(window);
     return 0;
@@ -390,7 +399,7 @@ int main(int argc, char **argv) {
         fprintf(stderr, "bench/results: cannot be written; run from the repository's root\n");
         return 1;
     }
-    fprintf(csv, "scene,nodes,k,p,median,worst,median_own_width_out,worst_own_width_out,sigma_over_"
+    fprintf(csv, "scene,nodes,k,p,median,worst,near_median,near_worst,sigma_over_"
                  "spacing\n");
     static const char *const scenes[] = {"scenes/hemisphere.yaml", "scenes/block.yaml",
                                          "scenes/organ.yaml"};
