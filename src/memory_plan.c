@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <unistd.h>
 
 #include "haptic/error.h"
 #include "haptic/model.h"
@@ -27,6 +28,25 @@ uint64_t pal_memory_plan_peak(const pal_model_info *info) {
     return pal_memory_plan_blocks(info) + (factors > certificate ? factors : certificate);
 }
 
+/// Address space of this process in use [bytes]; 0: unknown.
+static uint64_t address_space(void) {
+    unsigned long long pages = 0;
+    FILE *f = fopen("/proc/self/statm", "re");
+    if (f != NULL) {
+        pages = fscanf(f, "%llu", &pages) == 1 ? pages : 0;
+        (void)fclose(f);
+    }
+    return (uint64_t)pages * (uint64_t)sysconf(_SC_PAGESIZE);
+}
+
+/// What a limited address space has left for the model. OpenBLAS maps a buffer of 128 MiB per thread and
+/// tries for ever when it cannot have it; a thread's arena reserves 64 MiB more, its stack 8.
+static uint64_t address_space_left(uint64_t limit) {
+    long cores = sysconf(_SC_NPROCESSORS_ONLN);
+    uint64_t taken = address_space() + (cores > 0 ? (uint64_t)cores : 1) * (uint64_t)(200 << 20);
+    return limit > taken ? limit - taken : 1;
+}
+
 uint64_t pal_memory_available(void) {
     uint64_t available = 0;
     FILE *f = fopen("/proc/meminfo", "re");
@@ -41,9 +61,9 @@ uint64_t pal_memory_available(void) {
         (void)fclose(f);
     }
     struct rlimit limit;
-    if (getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY &&
-        (available == 0 || limit.rlim_cur < available)) {
-        available = limit.rlim_cur;
+    if (getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY) {
+        uint64_t left = address_space_left(limit.rlim_cur);
+        available = available == 0 || left < available ? left : available;
     }
     return available;
 }
