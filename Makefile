@@ -267,7 +267,7 @@ golden: ## the engine's forces bit for bit over compilers, levels and instructio
 	@MAKE="$(MAKE)" BUILD=$(BUILD)/golden JOBS=$(JOBS) sh tests/golden/compare.sh
 
 # ---- Benches ---------------------------------------------------------------------------------
-BENCH_AUX := $(call obj,$(wildcard bench/common.c) tests/support/synthetic_model.c)
+BENCH_AUX := $(call obj,$(wildcard bench/common.c) tests/support/synthetic_model.c tests/support/closed_loop.c)
 $(call obj,$(BENCH_SRC) $(wildcard bench/common.c)): EXTRA = $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) jansson) -isystem /usr/include/suitesparse
 $(BENCH_BIN): $(BUILD)/bench/%: $(BUILD)/obj/bench/%.o $(BENCH_AUX) $(OFFLINE_A) $(LIB_A)
 	@mkdir -p $(@D)

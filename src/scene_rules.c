@@ -382,10 +382,40 @@ static pal_status rule_simulated_rate(pal_reading *r, const pal_value *root, int
         key, found, "at most 100 times servo.rate", "more mass, less damping or less stiffness");
 }
 
+/// Stiffness and damping that the scene does not give. Devices that feel the force (simulated, the
+/// host's) get the coupling that bench/stability found stable; prescribed motions cannot be unstable
+/// and stay rigid, and so does contact law nodes, which has no coupling.
+static pal_status rule_coupling(pal_reading *r, const pal_value *root, int32_t index) {
+    pal_tool_def *tool = &r->scene->runtime.tools[index];
+    const pal_value *at = pal_value_get(pal_value_get(root, "tools")->item[index], "coupling");
+    int feels = tool->device.kind == PALPATE_DEVICE_SIMULATED || tool->device.kind == PALPATE_DEVICE_NONE;
+    if (pal_value_is_null(pal_value_get(at, "stiffness"))) {
+        const pal_value *damping = pal_value_get(at, "damping");
+        if (!pal_value_is_null(damping)) {
+            char key[64];
+            (void)snprintf(key, sizeof key, "tools[%d].coupling.damping", (int)index);
+            return pal_reading_fail(r, PALPATE_ERROR_SCENE, damping, key, "a damping without a stiffness",
+                                    "both, or a stiffness alone", "add stiffness");
+        }
+        double most = tool->spec.max_stiffness > 0.0 ? tool->spec.max_stiffness : (double)INFINITY;
+        tool->coupling_stiffness = feels && r->scene->runtime.contact_law == PALPATE_CONTACT_SURFACE
+                                       ? fmin(PALPATE_DEFAULT_COUPLING_STIFFNESS, most)
+                                       : 0.0;
+    }
+    if (pal_value_is_null(pal_value_get(at, "damping"))) {
+        double most = tool->spec.max_damping > 0.0 ? tool->spec.max_damping : (double)INFINITY;
+        tool->coupling_damping = fmin(tool->coupling_stiffness / r->scene->runtime.servo_rate, most);
+    }
+    return PALPATE_OK;
+}
+
 pal_status pal_rule_root(pal_reading *r, const pal_value *value, void *object) {
     const struct pal_scene *scene = object;
     for (int32_t t = 0; t < scene->runtime.tool_count; t++) {
         pal_status status = rule_simulated_rate(r, value, t);
+        if (status == PALPATE_OK) {
+            status = rule_coupling(r, value, t);
+        }
         if (status != PALPATE_OK) {
             return status;
         }
