@@ -266,6 +266,18 @@ golden: ## the engine's forces bit for bit over compilers, levels and instructio
 	@sh .ci/deps.sh $(PACKAGES) clang
 	@MAKE="$(MAKE)" BUILD=$(BUILD)/golden JOBS=$(JOBS) sh tests/golden/compare.sh
 
+# ---- Soak: random use with random faults for as long as you like (tests/soak/soak.c) ------------
+MINUTES  ?= 1
+SOAK_OBJ := $(call obj,$(wildcard tests/soak/*.c) tests/support/synthetic_model.c)
+$(call obj,$(wildcard tests/soak/*.c)): EXTRA = $(call pc-cflags,$(ONLINE_PC))
+$(BUILD)/soak: $(SOAK_OBJ) $(OFFLINE_A) $(LIB_A)
+	$(if $(V),,@echo "  LINK $@")
+	$(Q)$(CC) $(SANITIZE) $(SOAK_OBJ) $(OFFLINE_A) $(LIB_A) $(ONLINE_LIBS) $(OFFLINE_LIBS) $(LDFLAGS) -o $@
+.PHONY: soak
+soak: ## random but physical use with random faults, MINUTES=n (1) long, SEED=s to see the same again
+	@$(MAKE) --no-print-directory -j$(JOBS) build-all $(BUILD)/soak
+	@PALPATE_BUILD=$(abspath $(BUILD)) $(BUILD)/soak --minutes $(MINUTES) $(if $(SEED),--seed $(SEED))
+
 # ---- Benches ---------------------------------------------------------------------------------
 BENCH_AUX := $(call obj,$(wildcard bench/common.c) tests/support/synthetic_model.c tests/support/closed_loop.c)
 $(call obj,$(BENCH_SRC) $(wildcard bench/common.c)): EXTRA = $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) jansson) -isystem /usr/include/suitesparse
