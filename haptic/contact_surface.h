@@ -1,17 +1,17 @@
-/// @file contact_surface.h  The smooth rest surface: closest point, intersection with a line
-/// (private).
+/// @file contact_surface.h  The smooth rest surface: closest point, line intersection (private).
 ///
 /// The model's surface triangles, all of them (also those no tool may touch: a tool under the body
 /// must find the underside), carry a smooth geometry:
 ///
-///     position  x(b) = sum_i b_i p_i + sum_{i<j} b_i b_j c_ij        (Phong tessellation, alpha =
-///     1/2) normal    n(b) = sum_i b_i n_i, made unit
+///     position  x(b) = sum_i b_i p_i + sum_{i<j} b_i b_j c_ij
 ///
-/// with n_i the normal of the corner's smooth sector (weights of Max 1999, exact on spheres; the
-/// fan of triangles around a node is cut at edges that bend by more than 40 degrees, so boxes keep
-/// flat faces and sharp edges) and c_ij from n_i, n_j alone, the same from both sides: the surface
-/// has no gaps, and normals are continuous except across sharp edges. On a sphere the error is
-/// O(h^4) along edges.
+///     normal    n(b) = sum_i b_i n_i, made unit
+///
+/// (Phong tessellation with alpha = 1/2, Boubekeur and Alexa 2008) with n_i the normal of the
+/// corner's smooth sector (weights of Max 1999, exact on spheres; the fan of triangles around a
+/// node is cut at edges that bend by more than 40 degrees, so boxes keep flat faces and sharp
+/// edges) and c_ij from n_i, n_j alone, the same from both sides: the surface has no gaps, and
+/// normals are continuous except across sharp edges. On a sphere the error is O(h^4) along edges.
 ///
 /// How a point is projected. `closest` finds x with p = x + s n(x): the line through p along the
 /// *interpolated* normal (Phong projection; Kobbelt et al. 1998, Panozzo et al. 2013), not the foot
@@ -83,7 +83,8 @@ void pal_rest_init(pal_rest_surface *surface, const pal_model *model, void *memo
 
 /// The point whose normal goes through p and that is nearest to p.
 /// @param reach  look no farther than this [m]
-/// @param hint   a triangle to start from (that of the last tick), or -1: only speeds the search up,
+/// @param hint   a triangle to start from (that of the last tick), or -1: only speeds the search
+/// up,
 ///               the answer does not depend on it
 /// @param[out] out  triangle = -1 when none is within reach (beyond the rim of an open surface)
 /// @return 1 found, 0 not
@@ -104,16 +105,18 @@ int pal_rest_track(const pal_rest_surface *surface, const double p[3], double re
                    const pal_surface_point *from, pal_surface_point *out);
 enum { PALPATE_REST_STEPS = 32 };
 
-/// A hit of the line origin + t direction whose normal has normal . direction > min_cosine: give the
-/// *outward* direction (normal at the contact's foot). Fade a contact as normal . direction falls to
-/// min_cosine: there the surface turns away from the line and hits come and go.
+/// A hit of the line origin + t direction whose normal has normal . direction > min_cosine: give
+/// the *outward* direction (normal at the contact's foot). Fade a contact as normal . direction
+/// falls to min_cosine: there the surface turns away from the line and hits come and go.
 /// @param direction  unit, outward
 /// @param reach      |t| at most [m]
-/// @param hint       a triangle (that of the contact's foot): the hit is the one that a walk over the
-///                   surface from there towards the line comes to, so never on another fold; when there
-///                   is none, or for -1, the hit with |t| least
+/// @param hint       a triangle (that of the contact's foot): the hit is the one that a walk over
+/// the
+///                   surface from there towards the line comes to, so never on another fold; when
+///                   there is none, or for -1, the hit with |t| least
 /// @return 1 hit, 0 none (out->triangle = -1)
-/// Cost: one triangle per edge crossed, PALPATE_REST_STEPS at most; else PALPATE_REST_TESTS triangles.
+/// Cost: one triangle per edge crossed, PALPATE_REST_STEPS at most; else PALPATE_REST_TESTS
+/// triangles.
 int pal_rest_project(const pal_rest_surface *surface, const double origin[3],
                      const double direction[3], double reach, double min_cosine, int32_t hint,
                      pal_surface_point *out);

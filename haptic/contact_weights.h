@@ -4,9 +4,9 @@
 /// nodes as phi_j f (virtual work). Moving least squares on the surface: nodes in the tangent plane
 /// at x, basis (1, xi, eta), weight
 ///
-///     w_j = (1 - r_j^2 / rho^2)^p       r_j < rho = max(r of the (K+1)-th nearest node, radius
-///     asked for) r_j = |x - X_j| 2 / (1 + n(x) . n_j)
+///     w_j = (1 - r_j^2 / rho^2)^p,    r_j = |x - X_j| 2 / (1 + n(x) . n_j) < rho
 ///
+/// rho = the larger of the (K+1)-th smallest r_j and the radius asked for.
 /// The (K+1)-th distance is continuous in x and the node at that distance has weight 0, so nodes
 /// enter and leave smoothly: phi is continuous in x all over the surface. The factor takes a node
 /// of the other side of a thin lobe out of reach continuously (n: fan normals, continuous across
@@ -20,9 +20,9 @@
 
 #include "haptic/contact_surface.h"
 
-/// Defaults by `make bench-ripple` (near field, four bodies; ripple of a point's compliance in %, worst of
-/// all windows at p = 2): K = 7: 1.0, 9: 1.0, 12: 0.7, 15: 0.7, 19: 0.7; p makes no difference. 9 is where it levels
-/// out; each node more costs a column of the working set.
+/// Defaults by `make bench-ripple` (near field, four bodies; ripple of a point's compliance, worst
+/// of all windows at p = 2): 2.9 % at K = 5, 1.0 % at 7 and 9, 0.7 % from 12 on; p makes little
+/// difference. Each node more costs a column of the working set.
 enum {
     PALPATE_WEIGHTS_MAX = 40,       ///< nodes of one point at most
     PALPATE_WEIGHTS_NODES = 9,      ///< default K
@@ -52,8 +52,7 @@ typedef struct pal_weights_table {
 /// Bytes that pal_weights_init needs (a multiple of 64).
 size_t pal_weights_bytes(const pal_model *model);
 
-/// Build in `memory` (64-byte aligned, pal_weights_bytes() long). Surface and model must outlive
-/// it.
+/// Build in `memory` (64-byte aligned, pal_weights_bytes() long). Surface, model must outlive it.
 /// @param nodes  K, 3 .. PALPATE_WEIGHTS_MAX - 1; PALPATE_WEIGHTS_NODES
 /// @param power  p, 1 .. 4; PALPATE_WEIGHTS_POWER
 void pal_weights_init(pal_weights_table *table, const pal_model *model,
