@@ -50,8 +50,9 @@ static pal_status nodes_check(const pal_model *model, const pal_contact_def *def
         const pal_tool_def *tool = &def->tools[t];
         if (tool->friction > 0.0) {
             return pal_fail(error, PALPATE_ERROR_UNSUPPORTED,
-                            "tools[%d].friction: %g: friction is not built yet; use 0", (int)t,
-                            tool->friction);
+                            "tools[%d].friction: %g: the contact law \"nodes\" has no friction; "
+                            "use contact: {law: surface} or 0",
+                            (int)t, tool->friction);
         }
         if (tool->coupling_stiffness > 0.0) {
             return pal_fail(error, PALPATE_ERROR_UNSUPPORTED,

@@ -18,7 +18,11 @@
 /// Grasp. What a tool touches when its button closes is held to it, in all three directions, until it
 /// opens; nothing else of it touches meanwhile (contact_grasp.c).
 ///
-/// Torque. The force of a frictionless contact passes through the centre of the ball it comes from, so a
+/// Friction (Coulomb, circular cone: friction.h) adds two rows to a point: the slip of the body against
+/// the tool since the last tick (contact_friction.c); its force acts where the tool touches, with its
+/// torque, so that a twist about the normal is resisted too.
+///
+/// Torque. The normal force of a contact passes through the centre of the ball it comes from, so a
 /// sphere and a point feel none and a capsule that of forces at its axis.
 ///
 /// Memory: one block. Everything is bounded by counts; no state but the last tick's.
@@ -38,9 +42,9 @@ static pal_status anywhere_check(const pal_model *model, const pal_contact_def *
     (void)model;
     for (int32_t t = 0; t < def->tool_count; t++) {
         const pal_tool_def *tool = &def->tools[t];
-        if (tool->friction > 0.0) {
-            return pal_fail(error, PALPATE_ERROR_UNSUPPORTED,
-                            "tools[%d].friction: %g: friction is not built yet; use 0", (int)t,
+        if (!(tool->friction >= 0.0 && isfinite(tool->friction))) {
+            return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                            "tools[%d].friction: %g: must not be negative", (int)t,
                             tool->friction);
         }
         if (!(tool->coupling_stiffness >= 0.0 && isfinite(tool->coupling_stiffness)) ||
@@ -115,6 +119,23 @@ static size_t y_stride(const pal_model *model, const pal_contact_def *def) {
     return padded(3 * (size_t)node_capacity(model, def) * sizeof(double)) / sizeof(double);
 }
 
+static int has_friction(const pal_contact_def *def) {
+    int some = 0;
+    for (int32_t t = 0; t < def->tool_count; t++) {
+        some |= def->tools[t].friction > 0.0;
+    }
+    return some;
+}
+
+/// Of what contact_friction.c keeps.
+static size_t past_bytes(const pal_model *model, const pal_contact_def *def) {
+    size_t points = (size_t)point_capacity(def), nodes = (size_t)node_capacity(model, def);
+    return has_friction(def) ? padded(points * sizeof(anywhere_trace)) +
+                                   padded(nodes * sizeof(int32_t)) +
+                                   3 * padded(3 * nodes * sizeof(double)) + padded(nodes)
+                             : 0;
+}
+
 static size_t anywhere_bytes(const pal_model *model, const pal_contact_def *def) {
     size_t points = (size_t)point_capacity(def), rows = 3 * points;
     size_t nodes = 3 * (size_t)node_capacity(model, def);
@@ -125,7 +146,8 @@ static size_t anywhere_bytes(const pal_model *model, const pal_contact_def *def)
            padded(rows * rows * sizeof(double)) + 4 * padded(rows * sizeof(double)) +
            padded(points * sizeof(double)) + 2 * padded(points) +
            padded(pal_friction_bytes((int32_t)points)) +
-           2 * padded(nodes * sizeof(double)) + padded(nodes * sizeof(int32_t));
+           2 * padded(nodes * sizeof(double)) + padded(nodes * sizeof(int32_t)) +
+           past_bytes(model, def);
 }
 
 static void anywhere_reset(void *self) {
@@ -134,7 +156,7 @@ static void anywhere_reset(void *self) {
     pal_working_set_clear(&law->set);
     memset(law->before, 0, (size_t)law->capacity);
     memset(law->force_before, 0, 3 * (size_t)law->capacity * sizeof *law->force_before);
-    law->points = law->rows = 0;
+    law->points = law->rows = law->traces = law->past_nodes = 0;
     for (int32_t t = 0; t < law->def.tool_count; t++) {
         const pal_tool_def *def = &law->def.tools[t];
         anywhere_tool *tool = &law->tool[t];
@@ -196,6 +218,15 @@ static void *anywhere_init(void *memory, const pal_model *model, const pal_conta
     law->nodal = take(&at, nodes * sizeof(double));
     law->force = take(&at, nodes * sizeof(double));
     law->dof = take(&at, nodes * sizeof(int32_t));
+    law->frictional = has_friction(def);
+    if (law->frictional) {
+        law->trace = take(&at, points * sizeof *law->trace);
+        law->past_column = take(&at, nodes / 3 * sizeof(int32_t));
+        law->past_force = take(&at, nodes * sizeof(double));
+        law->past_u = take(&at, nodes * sizeof(double));
+        law->recalled_u = take(&at, nodes * sizeof(double));
+        law->recalled = take(&at, nodes / 3);
+    }
     anywhere_reset(law);
     return law;
 }
@@ -219,27 +250,36 @@ static void place(anywhere_law *law, int32_t t, const pal_pose *device) {
     tool->solid = pal_solid_place(def, &tool->free);
 }
 
-/// Torque about the tool's origin of a force at x: that of a frictionless one acts at the axis.
+static void add_cross(const double a[3], const double f[3], double sum[3]) {
+    sum[0] += a[1] * f[2] - a[2] * f[1];
+    sum[1] += a[2] * f[0] - a[0] * f[2];
+    sum[2] += a[0] * f[1] - a[1] * f[0];
+}
+
+/// Torque about the tool's origin of a point's force f: that of a held one acts where it is held; the
+/// normal part of another acts at the tool's axis, friction where the tool touches.
 static void add_torque(const anywhere_tool *tool, const anywhere_point *point, const double f[3],
                        double torque[3]) {
     const pal_solid *solid = &tool->solid;
-    const double *x = point->x;
+    const double *x = point->x, *e = point->along[0];
     double p[3] = {x[0] - solid->center[0], x[1] - solid->center[1], x[2] - solid->center[2]};
-    if (point->mu == 0.0) {
-        double s = dot(p, solid->axis);
-        s = s < -solid->half ? -solid->half : s > solid->half ? solid->half : s;
-        for (int i = 0; i < 3; i++) {
-            p[i] = s * solid->axis[i];
-        }
-    } else if (point->mu < 0.0) { // where it is held: x - q.e, both with the tool at its free pose
+    if (point->mu < 0.0) { // x - q.e, both with the tool at its free pose
         for (int i = 0; i < 3; i++) {
             p[i] -= point->q[0] * point->along[0][i] + point->q[1] * point->along[1][i] +
                     point->q[2] * point->along[2][i];
         }
+        add_cross(p, f, torque);
+        return;
     }
-    torque[0] += p[1] * f[2] - p[2] * f[1];
-    torque[1] += p[2] * f[0] - p[0] * f[2];
-    torque[2] += p[0] * f[1] - p[1] * f[0];
+    double s = dot(p, solid->axis), push = dot(f, e), normal[3], friction[3], axis[3];
+    s = s < -solid->half ? -solid->half : s > solid->half ? solid->half : s;
+    for (int i = 0; i < 3; i++) {
+        normal[i] = push * e[i];
+        friction[i] = point->rows == 3 ? f[i] - normal[i] : 0.0;
+        axis[i] = s * solid->axis[i];
+    }
+    add_cross(axis, normal, torque);
+    add_cross(point->arm, friction, torque);
 }
 
 static void summarise(anywhere_law *law, pal_contact_result *result) {
@@ -322,6 +362,9 @@ static void anywhere_solve(void *self, const pal_contact_tool tools[], pal_conta
     result->force = law->force;
     result->dropped = law->dropped;
     summarise(law, result);
+    if (law->frictional) {
+        pal_anywhere_remember(law, result);
+    }
     for (int32_t t = 0; t < law->def.tool_count; t++) {
         finish(law, t, &tools[t], &result->tool[t]);
         int closed = tools[t].present && tools[t].closed;

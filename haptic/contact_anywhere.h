@@ -2,7 +2,8 @@
 ///
 /// contact_anywhere.c explains the law and holds its memory and its tick; contact_touch.c finds where
 /// tools overlap the rest surface and spreads contact points there; contact_system.c builds the
-/// compliance between the points and solves it; contact_grasp.c holds points to a closed tool.
+/// compliance between the points and solves it; contact_grasp.c holds points to a closed tool;
+/// contact_friction.c keeps what friction needs to know of the last tick.
 #ifndef PALPATE_HAPTIC_CONTACT_ANYWHERE_H
 #define PALPATE_HAPTIC_CONTACT_ANYWHERE_H
 
@@ -32,19 +33,23 @@ typedef struct anywhere_station {
     int known;            ///< centre and outside are those of the last tick
     int outside;          ///< the centre was outside the body, or came from there
     int engaged;          ///< it touches
+    double drag[3];       ///< friction: mean displacement of the body under it, along the surface [m]
+    double stuck;         ///< friction: part of the normal force on points that stick
     // ---- of this tick
-    double depth; ///< overlap with the rest surface before coupling gives way [m]
+    double depth;    ///< overlap with the rest surface before coupling gives way [m]
+    double shift[3]; ///< friction: from the free pose to where the pattern is laid out [m]
 } anywhere_station;
 
 /// A contact point of this tick.
 typedef struct anywhere_point {
-    int32_t tool;
+    int32_t tool, station;
     int32_t id;       ///< the same from tick to tick
     double x[3];      ///< on the rest surface [m]
     double normal[3]; ///< outward
     double along[3][3]; ///< directions of its rows: -normal, two tangents; [row][component]
     double q[3]; ///< gap and slips with the tool at its free pose, without force [m]
     double mu;   ///< friction; < 0: held (friction.h)
+    double arm[3]; ///< from the tool's origin to where it touches [m]
     int32_t rows;  ///< 1, or 3 where mu is not 0
     int32_t first; ///< its first row in the system
     double area;      ///< [m^2]
@@ -53,6 +58,13 @@ typedef struct anywhere_point {
     pal_weights phi;
     int32_t slot[PALPATE_WEIGHTS_MAX]; ///< of phi's nodes in the working set
 } anywhere_point;
+
+/// What friction remembers of a contact point of the last tick.
+typedef struct anywhere_trace {
+    int32_t id;
+    double x[3], normal[3], width, fade; ///< as anywhere_point
+    double force[3];                     ///< on the body [N]
+} anywhere_trace;
 
 /// A point held by a closed tool.
 typedef struct anywhere_held {
@@ -73,6 +85,8 @@ typedef struct anywhere_tool {
     anywhere_held *held; ///< shape [points of a tool]
     double device[3]; ///< device position in the last tick [m]
     double proxy[3];  ///< proxy position in the last tick [m]
+    pal_pose last;    ///< free pose in the last tick
+    double force[3];  ///< on the body in the last tick [N]
     // ---- of this tick
     pal_pose free;   ///< where the coupling alone would put the proxy
     pal_solid solid; ///< there
@@ -97,7 +111,8 @@ typedef struct anywhere_law {
     // ---- contact_system.c
     int32_t rows;
     int32_t ld;        ///< of y
-    double *y;         ///< R Phi^T e of each row, shape [ld, 3 capacity] [m/N]
+    double *y;         ///< R Phi^T of each point [m/N], shape [ld, 3 capacity]: in its columns first,
+                       ///< .. along x, y, z; where rows = 1 in the one along its row
     double *m;         ///< compliance of the rows, column-major, ld = rows [m/N]
     double *q, *z, *w; ///< shape [3 capacity]
     double *mu;        ///< of the points, shape [capacity]
@@ -108,6 +123,16 @@ typedef struct anywhere_law {
     double *nodal;  ///< force on the nodes of the working set [N], shape [3 set.capacity]
     int32_t *dof;   ///< shape [3 set.capacity]
     double *force;  ///< shape [3 set.capacity]
+    // ---- contact_friction.c: the last tick, kept where a tool has friction
+    int frictional;
+    int32_t traces;
+    anywhere_trace *trace; ///< shape [capacity]
+    int32_t past_nodes;
+    int32_t *past_column; ///< nodes of the working set then, shape [set.capacity]
+    double *past_force;   ///< on them [N], shape [set.capacity, 3]
+    double *past_u;       ///< R F of them [m], shape [set.capacity, 3]
+    double *recalled_u;   ///< R F of the last tick on the nodes of the working set now [m]
+    uint8_t *recalled;    ///< shape [set.capacity]
 } anywhere_law;
 
 /// The contact points of tool t at its free pose: appended to law->point.
@@ -122,6 +147,10 @@ int32_t pal_anywhere_solve(anywhere_law *law);
 /// Displacement of the body at point i under the forces of the solution [m]; law->nodal must hold
 /// their nodal forces.
 void pal_anywhere_displacement(anywhere_law *law, int32_t i, double u[3]);
+/// Displacement at the point under the forces of `law->trace` through the half-space's own part K [m].
+void pal_anywhere_trace(const anywhere_law *law, const anywhere_point *point, double u[3]);
+/// sum_k phi_k v_k over the point's nodes, v by slots.
+void pal_anywhere_sample(const anywhere_point *point, const double *v, double u[3]);
 /// Nodal forces Phi^T f of the solution into law->nodal, and those that are not 0 into dof, force.
 /// @return number of entries
 int32_t pal_anywhere_distribute(anywhere_law *law);
@@ -130,6 +159,15 @@ int32_t pal_anywhere_distribute(anywhere_law *law);
 void pal_anywhere_hold(anywhere_law *law, int32_t t);
 /// After the solution: hold what tool t touches, at its proxy.
 void pal_anywhere_grasp(anywhere_law *law, int32_t t, const pal_pose *proxy);
+
+/// Where to lay out the pattern of a station: s->shift.
+void pal_anywhere_shift(const anywhere_law *law, int32_t t, anywhere_station *s);
+/// Displacements of the last tick on the nodes of this tick's working set.
+void pal_anywhere_recall(anywhere_law *law);
+/// q of the point's tangential rows: slip since the last tick without new force.
+void pal_anywhere_slip(const anywhere_law *law, anywhere_point *point);
+/// Keep what the next tick needs; after pal_anywhere_distribute and the tools' forces.
+void pal_anywhere_remember(anywhere_law *law, const pal_contact_result *result);
 
 static inline double dot(const double a[3], const double b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

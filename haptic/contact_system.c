@@ -13,13 +13,16 @@
 /// p_free - f / k, and gaps are taken at p_free. A point that fades gets 1/fade times its own K_ii.
 ///
 /// A point has one row, e = -n with the gap w = M z + q >= 0 and z >= 0, or three, with the slips along
-/// two tangents behind it (friction, or held: w = 0); friction.h solves all together. The forces act on
+/// two tangents behind it (friction: since the last tick, contact_friction.c; held: w = 0); friction.h
+/// solves all together. The forces act on
 /// the nodes as Phi^T e z (virtual work).
 #include <string.h>
 
 #include "haptic/contact_anywhere.h"
 
-enum { ITERATIONS = 200 };
+/// Bounds of a tick: pivots without friction; factorizations with it, of which from the last tick's
+/// forces 1 to 4 are typical.
+enum { ITERATIONS = 200, FRICTION_ITERATIONS = 60 };
 
 void pal_anywhere_gather(anywhere_law *law) {
     int32_t kept = 0;
@@ -44,29 +47,38 @@ void pal_anywhere_gather(anywhere_law *law) {
     law->points = kept;
 }
 
-/// y = R Phi^T e
-static void sweep(const anywhere_law *law, const anywhere_point *point, const double along[3],
-                  double *restrict y) {
+/// y = R Phi^T: along x, y and z, or (rows = 1) along the point's row alone.
+static void sweep(const anywhere_law *law, const anywhere_point *point, double *restrict y) {
     const pal_working_set *set = &law->set;
-    size_t n = 3 * (size_t)set->count, ld = (size_t)set->stride;
-    memset(y, 0, n * sizeof *y);
+    size_t n = 3 * (size_t)set->count, ld = (size_t)set->stride, to = (size_t)law->ld;
+    const double *along = point->along[0];
+    for (size_t b = 0; b < (size_t)point->rows; b++) {
+        memset(y + b * to, 0, n * sizeof *y);
+    }
     for (int32_t k = 0; k < point->phi.count; k++) {
         const double *restrict c = set->block + 3 * (size_t)point->slot[k] * ld;
-        double a0 = point->phi.phi[k] * along[0], a1 = point->phi.phi[k] * along[1],
-               a2 = point->phi.phi[k] * along[2];
+        double a = point->phi.phi[k];
+        if (point->rows == 3) {
+            for (size_t i = 0; i < n; i++) {
+                y[i] += a * c[i];
+                y[i + to] += a * c[i + ld];
+                y[i + 2 * to] += a * c[i + 2 * ld];
+            }
+            continue;
+        }
+        double a0 = a * along[0], a1 = a * along[1], a2 = a * along[2];
         for (size_t i = 0; i < n; i++) {
             y[i] += a0 * c[i] + a1 * c[i + ld] + a2 * c[i + 2 * ld];
         }
     }
 }
 
-/// v = Phi y
-static void sample(const anywhere_point *point, const double *y, double v[3]) {
-    v[0] = v[1] = v[2] = 0.0;
+void pal_anywhere_sample(const anywhere_point *point, const double *v, double u[3]) {
+    u[0] = u[1] = u[2] = 0.0;
     for (int32_t k = 0; k < point->phi.count; k++) {
-        const double *at = y + 3 * (size_t)point->slot[k];
+        const double *at = v + 3 * (size_t)point->slot[k];
         for (int i = 0; i < 3; i++) {
-            v[i] += point->phi.phi[k] * at[i];
+            u[i] += point->phi.phi[k] * at[i];
         }
     }
 }
@@ -78,23 +90,43 @@ static double spread(const anywhere_point *i, const anywhere_point *j) {
     return i == j ? b / i->fade : b;
 }
 
+void pal_anywhere_trace(const anywhere_law *law, const anywhere_point *point, double u[3]) {
+    double t = law->near.tangent, more = law->near.normal - t;
+    u[0] = u[1] = u[2] = 0.0;
+    for (int32_t k = 0; k < law->traces; k++) {
+        const anywhere_trace *j = &law->trace[k];
+        double d[3] = {point->x[0] - j->x[0], point->x[1] - j->x[1], point->x[2] - j->x[2]};
+        double width = point->width + j->width, b = 1.0 / sqrt(dot(d, d) + width * width);
+        b = point->id == j->id ? b / j->fade : b;
+        double along = dot(j->force, j->normal);
+        for (int i = 0; i < 3; i++) {
+            u[i] += b * (t * j->force[i] + more * along * point->normal[i]);
+        }
+    }
+}
+
 /// Columns of M for point j, rows of the points from `first` on.
 static void fill(anywhere_law *law, const anywhere_point *j, int32_t first) {
-    size_t n = (size_t)law->rows;
+    size_t n = (size_t)law->rows, ld = (size_t)law->ld;
     double t = law->near.tangent, more = law->near.normal - t;
-    for (int32_t b = 0; b < j->rows; b++) {
-        sweep(law, j, j->along[b], law->y + (size_t)(j->first + b) * (size_t)law->ld);
-    }
+    double *y = law->y + (size_t)j->first * ld;
+    sweep(law, j, y);
     for (int32_t p = first; p < law->points; p++) {
         const anywhere_point *i = &law->point[p];
         double near = spread(i, j), yield = i->tool == j->tool ? law->tool[i->tool].yield : 0.0;
+        double u[3][3];
         for (int32_t b = 0; b < j->rows; b++) {
-            const double *y = law->y + (size_t)(j->first + b) * (size_t)law->ld;
-            double v[3], *m = law->m + (size_t)(j->first + b) * n + (size_t)i->first;
+            pal_anywhere_sample(i, y + (size_t)b * ld, u[b]);
+        }
+        for (int32_t b = 0; b < j->rows; b++) {
+            const double *e = j->along[b];
+            double v[3], *m = law->m + ((size_t)j->first + (size_t)b) * n + (size_t)i->first;
             double other = b == 0 ? -more : 0.0; // along[0] = -normal, the others lie across it
-            sample(i, y, v);
+            for (int k = 0; k < 3; k++) {
+                v[k] = j->rows == 3 ? u[0][k] * e[0] + u[1][k] * e[1] + u[2][k] * e[2] : u[0][k];
+            }
             for (int32_t a = 0; a < i->rows; a++) {
-                double both = dot(i->along[a], j->along[b]);
+                double both = dot(i->along[a], e);
                 double blend = t * both - (a == 0 ? other : 0.0);
                 m[a] = dot(i->along[a], v) + blend * near + yield * both;
             }
@@ -104,8 +136,14 @@ static void fill(anywhere_law *law, const anywhere_point *j, int32_t first) {
 
 void pal_anywhere_assemble(anywhere_law *law) {
     law->rows = 0;
+    if (law->frictional) {
+        pal_anywhere_recall(law);
+    }
     for (int32_t i = 0; i < law->points; i++) {
         anywhere_point *point = &law->point[i];
+        if (point->mu > 0.0) {
+            pal_anywhere_slip(law, point);
+        }
         point->rows = point->mu != 0.0 ? 3 : 1;
         point->first = law->rows;
         law->rows += point->rows;
@@ -135,8 +173,9 @@ int32_t pal_anywhere_solve(anywhere_law *law) {
                                   .symmetric = law->set.symmetric,
                                   .q = law->q,
                                   .mu = law->mu};
+    int32_t most = law->frictional ? FRICTION_ITERATIONS : ITERATIONS;
     pal_friction_result r =
-        pal_friction_solve(&problem, ITERATIONS, law->state, law->z, law->w, law->work);
+        pal_friction_solve(&problem, most, law->state, law->z, law->w, law->work);
     uint32_t fault = r.state == PALPATE_FRICTION_CUT_OFF    ? PALPATE_FAULT_CUTOFF
                      : r.state == PALPATE_FRICTION_SINGULAR ? PALPATE_FAULT_SINGULAR
                                                             : 0;
@@ -163,7 +202,7 @@ void pal_anywhere_displacement(anywhere_law *law, int32_t i, double u[3]) {
         const double *column = set->block + c * ld;
         double v[3];
         if (law->nodal[c] != 0.0) {
-            sample(point, column, v);
+            pal_anywhere_sample(point, column, v);
             for (int k = 0; k < 3; k++) {
                 u[k] += v[k] * law->nodal[c];
             }

@@ -123,7 +123,11 @@ static void add_point(anywhere_law *law, int32_t t, const anywhere_station *s, i
     const double *n = s->at.normal;
     double facing = dot(at->normal, n), near, far, down[3] = {-n[0], -n[1], -n[2]};
     double fade = ramp(at->inside, 0.0, law->spacing) * ramp(facing, TURN_MIN, TURN_FULL);
-    if (!(fade > 1e-6) || !pal_solid_chord(&tool->solid, at->position, down, &near, &far)) {
+    double from[3];
+    for (int i = 0; i < 3; i++) { // the body moved against the tool
+        from[i] = at->position[i] - s->shift[i];
+    }
+    if (!(fade > 1e-6) || !pal_solid_chord(&tool->solid, from, down, &near, &far)) {
         return;
     }
     anywhere_point *point = &law->point[law->points];
@@ -131,11 +135,15 @@ static void add_point(anywhere_law *law, int32_t t, const anywhere_station *s, i
         return;
     }
     point->tool = t;
+    point->station = (int32_t)(s - tool->station);
     point->id = s->first + k;
     memcpy(point->x, at->position, sizeof point->x);
     memcpy(point->normal, at->normal, sizeof point->normal);
-    point->mu = 0.0;
-    point->q[0] = -far * facing;
+    point->mu = law->def.tools[t].friction;
+    for (int i = 0; i < 3; i++) {
+        point->arm[i] = from[i] + far * down[i] - tool->free.position[i];
+    }
+    point->q[0] = -far * facing - dot(at->normal, s->shift);
     point->q[1] = point->q[2] = 0.0;
     frame(point, s->across);
     point->area = area / facing;
@@ -185,9 +193,10 @@ void pal_anywhere_touch(anywhere_law *law, int32_t t) {
             back[i] = tool->proxy[i] - tool->free.position[i];
         }
         int fresh = !s->engaged;
+        pal_anywhere_shift(law, t, s);
         double lift = s->engaged && tool->yield > 0.0 ? dot(back, s->at.normal) : 0.0;
         for (int i = 0; i < 3; i++) {
-            from[i] = p[i] + (lift != 0.0 ? lift * s->at.normal[i] : 0.0);
+            from[i] = p[i] + s->shift[i] + (lift != 0.0 ? lift * s->at.normal[i] : 0.0);
         }
         int found = find_foot(law, s, from, ball);
         s->depth = 0.0;
@@ -197,7 +206,7 @@ void pal_anywhere_touch(anywhere_law *law, int32_t t) {
         }
         double arm[3];
         for (int i = 0; i < 3; i++) {
-            arm[i] = p[i] - s->at.position[i];
+            arm[i] = p[i] + s->shift[i] - s->at.position[i];
         }
         double depth = ball - dot(arm, s->at.normal);
         s->engaged = s->outside && depth > 0.0;

@@ -197,7 +197,8 @@ static void assert_in_cones(const problem *p, const double *f) {
     for (int i = 0; i < p->points; i++) {
         const double *a = f + p->row[i];
         assert_true(isfinite(a[0]) && (p->mu[i] < 0 || a[0] >= 0));
-        assert_true(p->mu[i] <= 0 || hypot(a[1], a[2]) <= p->mu[i] * a[0]);
+        // one rounding: the solver squares and sums
+        assert_true(p->mu[i] <= 0 || hypot(a[1], a[2]) <= p->mu[i] * a[0] * (1 + 4e-16));
     }
 }
 

@@ -289,6 +289,7 @@ static const pair PAIRS[] = {
      "tools.0.device={simulated: {motion: {tremor_amplitude: 1}}}"},
     {"tools[].device.simulated.motion.tremor_frequency", "tools.0.device={simulated: {}}",
      "tools.0.device={simulated: {motion: {tremor_frequency: 8}}}"},
+    {"tools[].friction", "tools.0.friction=0.3", "tools.0.friction=0.4"},
     {"tools[].coupling.stiffness", "tools.0.coupling={stiffness: 500}",
      "tools.0.coupling={stiffness: 400}"},
     {"tools[].coupling.damping", "tools.0.coupling={stiffness: 500}",
@@ -355,7 +356,6 @@ static const char *const SELECTOR_PLACES[][2] = {
 
 /// Not built yet, or with one value only.
 static const char *const EXEMPT[] = {"palpate",
-                                     "tools[].friction",
                                      "method.integration"};
 
 static int differ(const char *a, const char *b) {
@@ -378,6 +378,7 @@ static int differ(const char *a, const char *b) {
                    t->radius != u->radius || t->length != u->length ||
                    t->device.kind != u->device.kind ||
                    memcmp(&t->limits, &u->limits, sizeof t->limits) != 0 ||
+                   t->friction != u->friction ||
                    t->coupling_stiffness != u->coupling_stiffness ||
                    t->coupling_damping != u->coupling_damping ||
                    memcmp(&t->spec, &u->spec, sizeof t->spec) != 0 ||
