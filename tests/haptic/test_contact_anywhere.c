@@ -345,6 +345,142 @@ static void free_proxy_follows_its_device(void **state) {
     rig_free(&r);
 }
 
+// ---- Continuity ---------------------------------------------------------------------------------
+
+/// Worst force change of a tick, over the motion of that tick times the stiffness of a rigid flat punch
+/// of the given radius, 2 E* a: nothing that a contact within that radius can do is stiffer. Where the
+/// tool hardly moves, over the rounding of positions instead.
+typedef struct smooth {
+    pal_tool_force last;
+    double at[3], turn[2], worst, peak;
+    int ticks;
+} smooth;
+
+static void follow(rig *r, smooth *s, const double x[3], double tilt, double roll, double reach,
+                   double punch) {
+    pal_tool_state in = rig_state(x[0], x[1], x[2]);
+    double y[4] = {cos(0.5 * tilt), 0, sin(0.5 * tilt), 0}, z[4] = {cos(0.5 * roll), sin(0.5 * roll), 0, 0};
+    pal_quat_multiply(z, y, in.orientation);
+    pal_tool_force out;
+    assert_int_equal(pal_engine_force(r->engine, &in, &out), 0);
+    double change[3], moved[3];
+    for (int i = 0; i < 3; i++) {
+        change[i] = out.force[i] - s->last.force[i];
+        moved[i] = x[i] - s->at[i];
+    }
+    double travel = norm(moved) + reach * (fabs(tilt - s->turn[0]) + fabs(roll - s->turn[1]));
+    if (s->ticks++ > 0) {
+        s->worst = fmax(s->worst, norm(change) / (2 * modulus(r) * punch * fmax(travel, 1e-9)));
+    }
+    s->peak = fmax(s->peak, norm(out.force));
+    s->last = out;
+    memcpy(s->at, x, sizeof s->at);
+    s->turn[0] = tilt;
+    s->turn[1] = roll;
+}
+
+enum { PRESS, SLIDE, TREMOR, DRAG, PATHS };
+
+/// Force changes of a ball of radius 4 mm that goes 1.5 mm deep (contact radius 2.4 mm, its pattern's
+/// 2.6 mm), rigid and behind a coupling, sent over a symmetric and a raw model.
+static void force_is_continuous(void **state) {
+    (void)state;
+    static const char *const names[] = {"press and leave", "slide", "tremor", "drag in and out"};
+    for (int variant = 0; variant < 4; variant++) {
+        rig r;
+        rig_model(&r, 13, PALPATE_PRECISION_SINGLE, variant / 2 ? 0.1 : 0.0);
+        r.tools[0].coupling_stiffness = variant % 2 ? 600 : 0;
+        rig_engine(&r);
+        for (int path = 0; path < PATHS; path++) {
+            smooth s = {.ticks = 0};
+            pal_engine_reset(r.engine);
+            for (int k = 0; k < 1500; k++) {
+                double u = k / 1500.0, t = 0.001 * k, x[3] = {0.0006, -0.0004, 0.004 - 0.0015 * fmin(1, 6 * u)};
+                double tremor = sin(2 * PI * 8.7 * t) + sin(2 * PI * 10 * t) + sin(2 * PI * 11.6 * t);
+                switch (path) {
+                case PRESS:
+                    x[2] = 0.0041 - 0.0016 * sin(2 * PI * u) * sin(2 * PI * u);
+                    break;
+                case SLIDE:
+                    x[0] = -0.008 + 0.016 * u;
+                    x[1] = 0.004 * sin(5 * u);
+                    break;
+                case TREMOR:
+                    x[0] += 1e-4 * tremor;
+                    x[2] += 1e-4 * tremor;
+                    break;
+                default: // over the rim of the touchable nodes and back, at depth
+                    x[0] = 0.018 * sin(2 * PI * u);
+                    x[1] = 0.0031;
+                }
+                follow(&r, &s, x, 0, 0, 0, 0.0026);
+            }
+            print_message("%s, %s, %s: worst %.2f of stiffness x motion, peak %.3g N\n", names[path],
+                          variant % 2 ? "coupled" : "rigid", variant / 2 ? "raw" : "symmetric", s.worst,
+                          s.peak);
+            assert_true(s.peak > 0.05);
+            // off the rim the contact fades over one spacing, 2 mm, which takes F / 2 mm besides
+            double rim = path == DRAG ? 1.5 * s.peak / 0.002 / (2 * modulus(&r) * 0.0026) : 0;
+            assert_true(s.worst < 1.0 + rim);
+        }
+        rig_free(&r);
+    }
+}
+
+/// A capsule rolls and tilts over the surface: stations and end balls enter and leave.
+static void stations_enter_without_a_jump(void **state) {
+    (void)state;
+    rig r;
+    rig_model(&r, 15, PALPATE_PRECISION_SINGLE, 0.0);
+    r.tools[0] = (pal_tool_def){.shape = PALPATE_SHAPE_CAPSULE, .radius = 0.003, .length = 0.014};
+    rig_engine(&r);
+    smooth s = {.ticks = 0};
+    int least = 99, most = 0;
+    for (int k = 0; k < 4000; k++) {
+        double a = 2 * PI * k / 4000, tilt = 0.5 * PI + 0.25 * sin(3 * a);
+        double x[3] = {0.002 * sin(2 * a), 0.003 * cos(a), 0.0028 + 0.0012 * cos(5 * a)};
+        follow(&r, &s, x, tilt, 0.3 * sin(a), 0.010, 0.010); // reaches 10 mm from its middle
+        least = s.last.contact_count < least ? s.last.contact_count : least;
+        most = s.last.contact_count > most ? s.last.contact_count : most;
+    }
+    print_message("capsule: worst %.2f of stiffness x motion, %d to %d points\n", s.worst, least, most);
+    assert_true(least == 0 && most > 6);
+    assert_true(s.worst < 1.0);
+    rig_free(&r);
+}
+
+/// Hertz on the half-space (which a paraboloid is only for shallow depths): tips from a quarter of the
+/// node spacing to many.
+static void balls_of_all_sizes_follow_hertz(void **state) {
+    (void)state;
+    static const double radius[] = {0.0005, 0.001, 0.002, 0.004, 0.010, 0.030, 0.060};
+    rig r;
+    rig_model(&r, 25, PALPATE_PRECISION_SINGLE, 0.0);
+    for (int k = 0; k < 7; k++) {
+        for (int node = 0; node < 2; node++) {
+            double depth = 0.05 * radius[k], x = node ? 0.0 : 0.00071, y = node ? 0.0 : -0.00043;
+            r.tools[0].radius = radius[k];
+            rig_engine(&r);
+            pal_tool_force out = rig_press(&r, x, y, radius[k] + 1e-5, radius[k] - depth, 30);
+            // Sneddon: d = a/2 ln((R+a)/(R-a)), F = E*/2 ((a^2+R^2) ln((R+a)/(R-a)) - 2 a R)
+            double low = 0, high = 0.9;
+            for (int i = 0; i < 60; i++) {
+                double a = 0.5 * (low + high);
+                *(0.5 * a * log((1 + a) / (1 - a)) < 0.05 ? &low : &high) = a;
+            }
+            double exact = 0.5 * modulus(&r) * radius[k] * radius[k] *
+                           ((low * low + 1) * log((1 + low) / (1 - low)) - 2 * low);
+            print_message("R %.4f, contact radius %.2f spacings, %s a node: %.4f of Sneddon\n", radius[k],
+                          low * radius[k] / 0.002, node ? "on" : "off", out.force[2] / exact);
+            // Boussinesq, with no mesh to err: what is left is the calibration at depth
+            assert_true(fabs(out.force[2] / exact - 1) < 0.001);
+            pal_engine_free(r.engine);
+            r.engine = NULL;
+        }
+    }
+    rig_free(&r);
+}
+
 // ---- Tools --------------------------------------------------------------------------------------
 
 static void a_sphere_feels_no_torque_a_tilted_capsule_does(void **state) {
@@ -512,6 +648,9 @@ int main(void) {
         SURFACE(system_is_that_of_the_model_coupled),
         SURFACE(proxy_is_in_equilibrium),
         SURFACE(free_proxy_follows_its_device),
+        SURFACE(force_is_continuous),
+        SURFACE(stations_enter_without_a_jump),
+        SURFACE(balls_of_all_sizes_follow_hertz),
         SURFACE(a_sphere_feels_no_torque_a_tilted_capsule_does),
         SURFACE(grasp_holds_until_opened),
         SURFACE(thin_or_thick_a_tool_keeps_its_side),
