@@ -47,8 +47,8 @@ enum {
 #define PALPATE_FAULT_LIST(X)                                                                      \
     X(PALPATE_FAULT_INPUT, 0, "tool pose was not finite; the last good one was used")              \
     X(PALPATE_FAULT_FORCE, 1, "computed force was not finite; zero was returned")                  \
-    X(PALPATE_FAULT_SINGULAR, 2, "contact system could not be factored; last good force kept")     \
-    X(PALPATE_FAULT_CONTACTS, 3, "more contacts than max_contacts; the deepest were kept")         \
+    X(PALPATE_FAULT_SINGULAR, 2, "contact system could not be factored; last good or best force kept")     \
+    X(PALPATE_FAULT_CONTACTS, 3, "more contacts than there is room for; some were left out")         \
     X(PALPATE_FAULT_CAP, 4, "force was capped")                                                    \
     X(PALPATE_FAULT_SLEW, 5, "force change was limited")                                           \
     X(PALPATE_FAULT_CUTOFF, 6, "contact solver stopped at its iteration limit")                    \
@@ -116,7 +116,9 @@ PALPATE_API const pal_engine_def *pal_engine_get_def(const pal_engine *engine);
 /// @param[in]  in   shape [tool_count]
 /// @param[out] out  shape [tool_count]
 /// @return union of the tools' fault bits. Cost: O(candidates + m^2) warm, O(m^3) when contacts change.
-/// Source: De, Hong, Bathe 2003, Eq. 52.
+/// Source: law "nodes": De, Hong, Bathe 2003, Eq. 52; law "surface": haptic/contact_anywhere.c. With a
+/// virtual coupling (coupling_stiffness > 0, law "surface") the pose is the device's: the tool is a proxy
+/// behind a spring and damper, balanced with the contact in the same solution, and the force is theirs.
 PALPATE_API uint32_t pal_engine_force(pal_engine *engine, const pal_tool_state in[], pal_tool_force out[]);
 
 /// Displacement of the stored rows under the forces of the last pal_engine_force, published to
@@ -165,7 +167,7 @@ typedef struct pal_frame {
     int32_t row_count;
     int32_t tool_count;
     const float *displacement;   ///< of the stored rows [m], body frame, shape [row_count, 3]
-    pal_pose tool_pose[PALPATE_TOOLS_MAX]; ///< in the body frame (the proxy's, where there is one)
+    pal_pose tool_pose[PALPATE_TOOLS_MAX]; ///< in the body frame (the proxy's behind a coupling)
     pal_tool_force tool_force[PALPATE_TOOLS_MAX]; ///< force and torque here in the body frame
 } pal_frame;
 
