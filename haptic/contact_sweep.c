@@ -12,11 +12,13 @@ enum { TILE = 8 };
 
 #define INLINE static inline __attribute__((always_inline))
 
-INLINE lanes load(const double *p) {
-    lanes v;
-    memcpy(&v, p, sizeof v);
-    return v;
-}
+/// sum += a * the four numbers at p (vectors are not passed by value: their ABI depends on the target)
+#define ADD(sum, a, p)                                                                             \
+    do {                                                                                           \
+        lanes v_;                                                                                  \
+        memcpy(&v_, p, sizeof v_);                                                                 \
+        (sum) += (a) * v_;                                                                         \
+    } while (0)
 
 INLINE void row_tiles(const pal_working_set *set, int32_t count, const int32_t *slot,
                       const double *phi, const double along[3], double *y) {
@@ -27,8 +29,12 @@ INLINE void row_tiles(const pal_working_set *set, int32_t count, const int32_t *
             const double *c = set->block + 3 * (size_t)slot[k] * ld + i;
             double s = phi[k] * along[0], t = phi[k] * along[1], u = phi[k] * along[2];
             lanes a = {s, s, s, s}, b = {t, t, t, t}, d = {u, u, u, u};
-            low += a * load(c) + b * load(c + ld) + d * load(c + 2 * ld);
-            high += a * load(c + 4) + b * load(c + ld + 4) + d * load(c + 2 * ld + 4);
+            for (int h = 0; h < 2; h++) {
+                lanes *sum = h == 0 ? &low : &high;
+                ADD(*sum, a, c + 4 * h);
+                ADD(*sum, b, c + ld + 4 * h);
+                ADD(*sum, d, c + 2 * ld + 4 * h);
+            }
         }
         memcpy(y + i, &low, sizeof low);
         memcpy(y + i + 4, &high, sizeof high);
@@ -45,8 +51,8 @@ INLINE void axes_tiles(const pal_working_set *set, int32_t count, const int32_t 
             const double *c = set->block + 3 * (size_t)slot[k] * ld + i;
             lanes a = {phi[k], phi[k], phi[k], phi[k]};
             for (size_t b = 0; b < 3; b++) {
-                sum[b][0] += a * load(c + b * ld);
-                sum[b][1] += a * load(c + b * ld + 4);
+                ADD(sum[b][0], a, c + b * ld);
+                ADD(sum[b][1], a, c + b * ld + 4);
             }
         }
         for (size_t b = 0; b < 3; b++) {

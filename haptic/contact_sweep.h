@@ -1,8 +1,7 @@
 /// @file contact_sweep.h  Displacement of the working set's nodes under a contact point's force (private).
 ///
 /// y = R Phi^T e: a weighted sum of columns of the working set's block. Every element is summed over the
-/// nodes in their order, three products each, ((a0 c0 + a1 c1) + a2 c2) added to the sum before, whatever
-/// the vector width, so results are the same bits on every x86-64 build. The same source is compiled a
+/// columns in their order, one rounded product and one rounded sum each, whatever the vector width, so results are the same bits on every x86-64 build. The same source is compiled a
 /// second time for AVX2 (without FMA) and chosen at run time. Thread: any.
 #ifndef PALPATE_HAPTIC_CONTACT_SWEEP_H
 #define PALPATE_HAPTIC_CONTACT_SWEEP_H

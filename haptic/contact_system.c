@@ -19,6 +19,7 @@
 #include <string.h>
 
 #include "haptic/contact_anywhere.h"
+#include "haptic/contact_sweep.h"
 
 /// Bounds of a tick: pivots without friction; factorizations with it, of which from the last tick's
 /// forces 1 to 4 are typical.
@@ -48,28 +49,11 @@ void pal_anywhere_gather(anywhere_law *law) {
 }
 
 /// y = R Phi^T: along x, y and z, or (rows = 1) along the point's row alone.
-static void sweep(const anywhere_law *law, const anywhere_point *point, double *restrict y) {
-    const pal_working_set *set = &law->set;
-    size_t n = 3 * (size_t)set->count, ld = (size_t)set->stride, to = (size_t)law->ld;
-    const double *along = point->along[0];
-    for (size_t b = 0; b < (size_t)point->rows; b++) {
-        memset(y + b * to, 0, n * sizeof *y);
-    }
-    for (int32_t k = 0; k < point->phi.count; k++) {
-        const double *restrict c = set->block + 3 * (size_t)point->slot[k] * ld;
-        double a = point->phi.phi[k];
-        if (point->rows == 3) {
-            for (size_t i = 0; i < n; i++) {
-                y[i] += a * c[i];
-                y[i + to] += a * c[i + ld];
-                y[i + 2 * to] += a * c[i + 2 * ld];
-            }
-            continue;
-        }
-        double a0 = a * along[0], a1 = a * along[1], a2 = a * along[2];
-        for (size_t i = 0; i < n; i++) {
-            y[i] += a0 * c[i] + a1 * c[i + ld] + a2 * c[i + 2 * ld];
-        }
+static void sweep(const anywhere_law *law, const anywhere_point *point, double *y) {
+    if (point->rows == 3) {
+        pal_sweep_axes(&law->set, point->phi.count, point->slot, point->phi.phi, y, (size_t)law->ld);
+    } else {
+        pal_sweep_row(&law->set, point->phi.count, point->slot, point->phi.phi, point->along[0], y);
     }
 }
 

@@ -13,6 +13,7 @@
 
 #include "haptic/complementarity.h"
 #include "haptic/contact_anywhere.h"
+#include "haptic/contact_sweep.h"
 #include "haptic/pose.h"
 #include "tests/support/engine_rig.h"
 
@@ -145,6 +146,28 @@ static void working_set_holds_what_the_model_holds(void **state) {
                 }
             }
         }
+        // the vector kernels sum in the order of the plain loop
+        double phi[5] = {0.3, -0.1, 0.5, 0.2, 0.1}, e[3] = {0.6, -0.64, 0.48};
+        int32_t slot[5] = {3, 0, 7, 11, 5};
+        double *y = calloc(4 * (size_t)set.stride, sizeof *y);
+        assert_true(y != NULL && set.count > 11);
+        pal_sweep_row(&set, 5, slot, phi, e, y);
+        pal_sweep_axes(&set, 5, slot, phi, y + set.stride, (size_t)set.stride);
+        for (int32_t i = 0; i < 3 * set.count; i++) {
+            double row = 0, axes[3] = {0};
+            for (int k = 0; k < 5; k++) {
+                for (int c = 0; c < 3; c++) {
+                    double entry = set.block[i + (3 * slot[k] + c) * set.stride];
+                    row += phi[k] * e[c] * entry;
+                    axes[c] += phi[k] * entry;
+                }
+            }
+            assert_true(y[i] == row);
+            for (int c = 0; c < 3; c++) {
+                assert_true(y[i + (c + 1) * set.stride] == axes[c]);
+            }
+        }
+        free(y);
         assert_true(set.gathered > 100); // nodes were forgotten and came again
         assert_true(full < 300 * 12 / 4);
         free(memory);
