@@ -166,6 +166,7 @@ pal_status soak_hand_read(soak_hand *h, int64_t time_ns, pal_tool_state *state) 
         break;
     case SOAK_BACKWARDS:
         state->time_ns = h->stamp - (now - h->stamp);
+        state->time_ns -= state->time_ns == 0; // 0 would be no stamp at all
         old = 1;
         break;
     case SOAK_TELEPORT:
