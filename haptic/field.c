@@ -15,6 +15,7 @@ enum {
     SWEEP_GROUP = 12,         ///< columns per pass: as many pointers as there are registers for
     SWEEP_ROWS = 16384,       ///< rows per panel: long runs matter more than L1, 64 KiB in L2 do
     SWEEP_ROWS_DOUBLE = 2048, ///< the same in double storage
+    SWEEP_SHORT = 512,        ///< blocks of so few rows are summed in registers
 };
 
 /// IEEE half to single, exact for every finite value (stored blocks hold no others). The subnormal

@@ -76,6 +76,17 @@ static void chain(const pal_row_bases *b, int32_t count, const int32_t *dof, con
     }
 }
 
+/// Ask for the columns of a near pair: they are short and lie anywhere, so no prefetcher would.
+static inline void fetch(const pal_row_bases *b, int32_t pair, int32_t count, const int32_t *column) {
+    int64_t ld = pal_bases_ld(b, b->pair_cluster[pair]);
+    const int16_t *data = b->near + b->near_start[pair];
+    for (int32_t k = 0; k < count; k++) {
+        for (int64_t i = 0; i < ld; i += LINE / (int64_t)sizeof *data) {
+            __builtin_prefetch(data + column[k] * ld + i);
+        }
+    }
+}
+
 /// Add the near pairs of one touched group to its clusters' tiles.
 static void add_near(pal_isa isa, const pal_row_bases *b, int32_t group, const int32_t *dof,
                      const double *f, const scratch *s) {
@@ -87,6 +98,9 @@ static void add_near(pal_isa isa, const pal_row_bases *b, int32_t group, const i
     for (int32_t p = b->pair_start[group]; p < b->pair_start[group + 1]; p++) {
         int32_t r = b->pair_cluster[p], i = 0;
         const float *scale = b->near_scale + b->near_scale_start[p];
+        if (p + 1 < b->pair_start[group + 1]) {
+            fetch(b, p + 1, count, s->column);
+        }
         for (int32_t k = s->head[group]; k >= 0; k = s->next[k], i++) {
             s->factor[i] = (float)(f[k] * (double)scale[s->column[i]]);
         }
@@ -173,29 +187,35 @@ void pal_field_compute(pal_isa isa, const pal_model *model, int32_t count, const
 
 // ---- Cost ---------------------------------------------------------------------------------------
 
-uint64_t pal_field_bytes(const pal_model *model, int32_t count, const int32_t *dof, uint64_t *fixed) {
+double pal_field_predict(const pal_model *model, int32_t count, const int32_t *dof) {
+    // ns per byte, medians of bench/compress and bench/tick on a busy machine: touched columns come from
+    // beyond the cache (converting 16 bits costs a little), bases stay in it, near pairs are short runs;
+    // a sweep over one pair or cluster has to start, and every row finds its place in the end
+    static const double touched_ns = 0.035, integer_ns = 0.045, basis_ns = 0.03, near_ns = 0.09,
+                        pair_ns = 60, cluster_ns = 60, row_ns = 0.25;
     const pal_row_bases *b = model->bases;
-    *fixed = 0;
     if (pal_field_floats(model) == 0) {
         return 0;
     }
-    uint64_t touched = (uint64_t)count * (uint64_t)swept_rows(model) *
-                       pal_precision_size(model->info.precision);
+    size_t element = pal_precision_size(model->info.precision);
+    double touched = (element == 2 ? integer_ns : touched_ns) * (double)count *
+                     (double)swept_rows(model) * (double)element;
     if (b == NULL) {
         return touched;
     }
-    *fixed = 2 * (uint64_t)b->basis_start[b->cluster_count];
+    double near = 0;
+    double pairs = 0;
     for (int32_t k = 0; k < count; k++) {
         int32_t g = b->column_group[dof[k] / 3];
+        int first = 1; // dof of its group
+        for (int32_t i = 0; i < k && first; i++) {
+            first = b->column_group[dof[i] / 3] != g;
+        }
         for (int32_t p = b->pair_start[g]; p < b->pair_start[g + 1]; p++) {
-            touched += 2 * (uint64_t)pal_bases_ld(b, b->pair_cluster[p]);
+            near += 2 * (double)pal_bases_ld(b, b->pair_cluster[p]);
+            pairs += first;
         }
     }
-    return touched;
-}
-
-double pal_field_nanoseconds(uint64_t touched, uint64_t fixed) {
-    // medians of bench/compress: columns come from beyond the cache, bases are used every tick
-    static const double touched_ns = 0.035, fixed_ns = 0.025;
-    return touched_ns * (double)touched + fixed_ns * (double)fixed;
+    return touched + near_ns * near + basis_ns * 2 * (double)b->basis_start[b->cluster_count] +
+           pair_ns * pairs + cluster_ns * b->cluster_count + row_ns * 3 * model->info.row_count;
 }

@@ -25,12 +25,8 @@ PALPATE_API void pal_field_compute(pal_isa isa, const pal_model *model, int32_t 
                                    const int32_t *dof, const double *f, const float *f32,
                                    void *scratch, float *out);
 
-/// Bytes of the stored rows that pal_field_compute reads for these dofs: those that depend on what is
-/// touched (from memory) and, through `fixed`, those read every time (which stay in cache).
-PALPATE_API uint64_t pal_field_bytes(const pal_model *model, int32_t count, const int32_t *dof,
-                                     uint64_t *fixed);
-
-/// Predicted nanoseconds of one field that reads so many bytes, on the machine of bench/results.
-PALPATE_API double pal_field_nanoseconds(uint64_t touched, uint64_t fixed);
+/// Predicted nanoseconds of pal_field_compute for these dofs on the machine of bench/results.
+/// Cost: O(count^2).
+PALPATE_API double pal_field_predict(const pal_model *model, int32_t count, const int32_t *dof);
 
 #endif

@@ -103,7 +103,49 @@ SWEEP_EXPAND(double_three, 3, SWEEP_DOUBLE)
 SWEEP_EXPAND(double_one, 1, SWEEP_DOUBLE)
 SWEEP_PANEL(panel_double, double, double)
 
+// Short blocks (one cluster's rows): VECTORS vectors of the result stay in registers over all columns.
+#define SWEEP_TILE(VECTORS)                                                                        \
+    SWEEP_TARGET static void SWEEP(tile_##VECTORS)(const pal_field_job *job, int64_t row) {        \
+        enum { LANES = SWEEP_WIDTH / (int)sizeof(float) };                                         \
+        float *out = job->out + row;                                                               \
+        SWEEP(floats) a[VECTORS];                                                                  \
+        _Pragma("GCC unroll 8") for (int v = 0; v < (VECTORS); v++) {                              \
+            a[v] = job->add ? *(const SWEEP(floats) *)(const void *)(out + v * LANES)              \
+                            : (SWEEP(floats)){0};                                                  \
+        }                                                                                          \
+        for (int32_t k = 0; k < job->count; k++) {                                                 \
+            int64_t at = job->dof != NULL ? job->dof[k] : k;                                       \
+            const int16_t *column = (const int16_t *)job->block + at * job->ld + row;              \
+            SWEEP(floats) factor = (SWEEP(floats)){0} + job->f32[k];                               \
+            _Pragma("GCC unroll 8") for (int v = 0; v < (VECTORS); v++) {                          \
+                SWEEP(floats) c;                                                                   \
+                SWEEP_INTEGER(column + v * LANES, c);                                              \
+                a[v] += factor * c;                                                                \
+            }                                                                                      \
+        }                                                                                          \
+        _Pragma("GCC unroll 8") for (int v = 0; v < (VECTORS); v++) {                              \
+            *(SWEEP(floats) *)(void *)(out + v * LANES) = a[v];                                    \
+        }                                                                                          \
+    }
+SWEEP_TILE(8)
+SWEEP_TILE(2)
+
+static void SWEEP(tiles)(const pal_field_job *job) {
+    enum { LANES = SWEEP_WIDTH / (int)sizeof(float) };
+    int64_t row = 0;
+    for (; row + 8 * LANES <= job->rows; row += 8 * LANES) {
+        SWEEP(tile_8)(job, row);
+    }
+    for (; row < job->rows; row += 2 * LANES) { // rows are a multiple of 32
+        SWEEP(tile_2)(job, row);
+    }
+}
+
 static void SWEEP(all)(const pal_field_job *job) {
+    if (job->precision == PALPATE_PRECISION_SCALED && job->rows <= SWEEP_SHORT) {
+        SWEEP(tiles)(job);
+        return;
+    }
     int64_t panel = job->precision == PALPATE_PRECISION_DOUBLE ? SWEEP_ROWS_DOUBLE : SWEEP_ROWS;
     for (int64_t row = 0; row < job->rows; row += panel) {
         int64_t rows = job->rows - row < panel ? job->rows - row : panel;
@@ -131,6 +173,7 @@ static void SWEEP(all)(const pal_field_job *job) {
 #undef SWEEP_PASS_
 #undef SWEEP_EXPAND
 #undef SWEEP_PANEL
+#undef SWEEP_TILE
 #undef SWEEP_SINGLE
 #undef SWEEP_HALVES
 #undef SWEEP_SCALED

@@ -178,15 +178,15 @@ static const field tool_fields[] = {
     {"direction", AT(device.stroke.direction), F64, 3, "1", "stroke: slide direction"},
     {"tremor_amplitude", AT(device.stroke.tremor_amplitude), F64, 1, "m", "stroke: tremor"},
     {"tremor_frequency", AT(device.stroke.tremor_frequency), F64, 1, "Hz", "stroke: tremor"},
+};
+
+/// Added since version 1, as above.
+static const field added_tool_fields[] = {
     {"simulated_model", AT(device.simulated.model), I32, 1, "1", "0 touch, 1 premium"},
     {"simulated_grip", AT(device.simulated.grip), I32, 1, "1", "0 firm, 1 light, 2 none"},
     {"simulated", AT(device.simulated.mass), F64, 14, "SI",
      "simulated device: mass, damping, friction, resolution, force, stiffness, reach; hand: mass, "
      "damping, stiffness; push, kick, release, grasp"},
-};
-
-/// Added since version 1, as above.
-static const field added_tool_fields[] = {
     {"spec_name", AT(spec.name), TEXT, SIZE(spec.name), NULL, "what device it is"},
     {"spec_max_force", AT(spec.max_force), F64, 1, "N", "what it bears; 0: unknown"},
     {"spec_max_torque", AT(spec.max_torque), F64, 1, "N m", "0: unknown"},

@@ -415,18 +415,14 @@ typedef struct candidate {
 } candidate;
 
 static pal_status measure(const pal_field_sample *sample, candidate *c, pal_error *error) {
-    double bytes, fixed;
-    pal_status status =
-        pal_field_sample_error(sample, &c->rows, &c->error, &bytes, &fixed, error);
-    c->cost = pal_field_nanoseconds((uint64_t)bytes, (uint64_t)fixed);
-    return status;
+    return pal_field_sample_error(sample, &c->rows, &c->error, &c->cost, error);
 }
 
 /// Bases whose measured error is just within what is allowed; c->error above it: none found.
 static pal_status fit_bases(const pal_model *model, const pal_field_sample *sample, double allowed,
                             const pal_progress *progress, candidate *c, pal_error *error) {
     candidate best = {.error = INFINITY};
-    double inner = 0.5 * allowed;
+    double inner = 0.5 * allowed, before = INFINITY;
     pal_status status = PALPATE_OK;
     for (int k = 0; status == PALPATE_OK && k < TRIES; k++) {
         candidate now = {.error = INFINITY};
@@ -436,7 +432,8 @@ static pal_status fit_bases(const pal_model *model, const pal_field_sample *samp
         }
         int fits = status == PALPATE_OK && now.error <= allowed,
             relaxed_too_far = !fits && best.error <= allowed,
-            enough = fits && now.error > 0.45 * allowed; // ranks grow with the logarithm
+            enough = fits && now.error > 0.45 * allowed, // ranks grow with the logarithm
+            rounding = !fits && now.error > 0.7 * before; // the integers': tightening brings no more
         inner *= fmax(0.25, fmin(2.0, 0.8 * allowed / now.error));
         if (fits && (best.error > allowed || now.cost < best.cost)) {
             pal_rows_clear(&best.rows);
@@ -444,7 +441,8 @@ static pal_status fit_bases(const pal_model *model, const pal_field_sample *samp
         } else {
             pal_rows_clear(&now.rows);
         }
-        if (relaxed_too_far || enough) {
+        before = now.error;
+        if (relaxed_too_far || enough || rounding) {
             break;
         }
     }

@@ -27,7 +27,7 @@ PALPATE_API void pal_rows_clear(pal_rows *rows);
 PALPATE_API void pal_rows_take(pal_model *model, pal_rows *rows);
 
 /// Replace the model's rows, dense in double precision or single, by the form with the lowest predicted
-/// cost per field (pal_field_nanoseconds for 45 touched nodes) whose error over sampled contacts
+/// cost per field (pal_field_predict for 45 touched nodes) whose error over sampled contacts
 /// (field_sample.h: max |du| / max |u|) is within `tolerance`; fills in info.field and info.precision.
 /// With tolerance 0 the rows stay and only info.field is measured.
 /// @return PALPATE_OK; _MEMORY, _CANCELLED

@@ -94,7 +94,7 @@ pal_status pal_field_sample_make(const pal_model *model, uint64_t seed, int32_t 
 }
 
 pal_status pal_field_sample_error(const pal_field_sample *sample, const pal_model *model,
-                                  double *worst, double *bytes, double *fixed, pal_error *error) {
+                                  double *worst, double *cost, pal_error *error) {
     size_t floats = (size_t)pal_field_floats(model), scratch_bytes = pal_field_scratch_bytes(model);
     float *out = aligned_alloc(64, (floats * sizeof *out + 64) / 64 * 64);
     void *scratch = aligned_alloc(64, scratch_bytes + 64);
@@ -102,7 +102,7 @@ pal_status pal_field_sample_error(const pal_field_sample *sample, const pal_mode
     if (out == NULL || scratch == NULL) {
         status = pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for a sampled field");
     }
-    double sum = 0, sum_fixed = 0;
+    double sum = 0;
     int32_t large = 0;
     *worst = 0;
     for (int32_t s = 0; status == PALPATE_OK && s < sample->count; s++) {
@@ -126,17 +126,14 @@ pal_status pal_field_sample_error(const pal_field_sample *sample, const pal_mode
         }
         *worst = fmax(*worst, size > 0 ? sqrt(off / size) : 0);
         if (c->count == sample->contact[3 < sample->count ? 3 : 0].count) {
-            uint64_t always;
-            sum += (double)pal_field_bytes(model, c->count, c->dof, &always);
-            sum_fixed += (double)always;
+            sum += pal_field_predict(model, c->count, c->dof);
             large++;
         }
     }
     free(out);
     free(scratch);
-    if (bytes != NULL) {
-        *bytes = large > 0 ? sum / large : 0;
-        *fixed = large > 0 ? sum_fixed / large : 0;
+    if (cost != NULL) {
+        *cost = large > 0 ? sum / large : 0;
     }
     return status;
 }

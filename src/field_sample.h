@@ -30,10 +30,9 @@ PALPATE_API void pal_field_sample_clear(pal_field_sample *sample);
 
 /// Worst over the contacts of max |du| / max |u|, maxima over the stored nodes, of what the engine would
 /// compute from the model's rows (pal_field_compute) against the sample's exact fields.
-/// @param[out] bytes, fixed  mean of pal_field_bytes over the contacts of most nodes; may be NULL
+/// @param[out] cost  mean of pal_field_predict over the contacts of most nodes [ns]; may be NULL
 /// @return PALPATE_OK; _MEMORY
 PALPATE_API pal_status pal_field_sample_error(const pal_field_sample *sample, const pal_model *model,
-                                              double *worst, double *bytes, double *fixed,
-                                              pal_error *error);
+                                              double *worst, double *cost, pal_error *error);
 
 #endif

@@ -21,6 +21,10 @@ enum { LEAF = 16, SAMPLED = 256 };
 static const double STAGE = 0.6;
 /// What a basis's element costs against one of a touched column: it stays in cache.
 static const double BASIS_COST = 0.6;
+/// And one of a near pair: short runs from anywhere.
+static const double NEAR_COST = 2;
+/// What it costs to begin with a near pair or a cluster, in elements; groups touched at once.
+static const double PAIR_COST = 600, CLUSTER_COST = 800, GROUPS_TOUCHED = 8;
 
 typedef struct stage {
     int32_t first, count, rank;
@@ -309,15 +313,18 @@ static pal_cluster *finish(const pal_cluster_job *job, const room *r, int32_t fi
         }
     }
     subtract(rows, n, rank, r->a, basis, coef, full, r->far);
-    double near_columns = 0, stored = (double)((rows + 31) / 32 * 32);
+    double near_columns = 0, near_groups = 0, stored = (double)((rows + 31) / 32 * 32);
     for (int32_t g = 0; g < job->group_count; g++) {
         for (int32_t k = 3 * job->group_start[g]; !c->near[g] && k < 3 * job->group_start[g + 1]; k++) {
             size_t j = 3 * (size_t)job->column_order[k / 3] + (size_t)(k % 3);
             c->near[g] = node_size(r->far + j * (size_t)rows, count) > job->tolerance;
         }
+        near_groups += c->near[g];
         near_columns += c->near[g] ? 3.0 * (job->group_start[g + 1] - job->group_start[g]) : 0;
     }
-    c->cost = rank * (job->touched + BASIS_COST * stored) + near_columns / n * stored * job->touched;
+    c->cost = rank * (job->touched + BASIS_COST * stored) +
+              NEAR_COST * near_columns / n * stored * job->touched + CLUSTER_COST +
+              PAIR_COST * near_groups * fmin(1, GROUPS_TOUCHED / job->group_count);
     return c;
 }
 

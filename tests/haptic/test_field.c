@@ -98,7 +98,7 @@ static pal_field_job job_of(const fixture *x, pal_precision p, int64_t rows, int
 /// Counts around the groups of twelve, six and three, rows around the panel and each vector width.
 static void variants_agree_bit_for_bit(pal_precision p) {
     static const int32_t counts[] = {0, 1, 2, 3, 4, 6, 9, 11, 12, 13, 21, 48, 96, 100};
-    static const int64_t rows[] = {32, 64, 2016, 2048, 2080, 4096, 16384, LD};
+    static const int64_t rows[] = {32, 64, 96, 480, 512, 544, 2016, 2048, 2080, 4096, 16384, LD};
     fixture x;
     make(&x, p);
     for (size_t c = 0; c < sizeof counts / sizeof *counts; c++) {
@@ -119,6 +119,50 @@ static void variants_agree_bit_for_bit(pal_precision p) {
         }
     }
     drop(&x);
+}
+
+/// Columns in their own order and sums that go on where an earlier one ended, as compressed rows use them:
+/// the same bits as one sum over all columns by the twin.
+static void sums_can_be_continued(void **state) {
+    (void)state;
+    static const int64_t rows[] = {32, 160, 512, 544, LD};
+    for (int p = PALPATE_PRECISION_SINGLE; p <= PALPATE_PRECISION_SCALED; p++) {
+        fixture x;
+        make(&x, (pal_precision)p);
+        int32_t order[40];
+        for (int k = 0; k < 40; k++) {
+            order[k] = k;
+        }
+        for (size_t r = 0; r < sizeof rows / sizeof *rows; r++) {
+            pal_field_job whole = job_of(&x, (pal_precision)p, rows[r], 40);
+            whole.dof = order;
+            whole.out = x.out[0];
+            pal_field_sweep(PALPATE_ISA_SCALAR, &whole);
+            for (int isa = 0; isa < PALPATE_ISA_COUNT; isa++) {
+                if (!pal_field_available((pal_isa)isa)) {
+                    continue;
+                }
+                float *out = isa == 0 ? x.out[1] : x.out[isa];
+                memset(out, 0xff, LD * sizeof(float));
+                pal_field_job first = whole, none = whole, rest = whole;
+                first.dof = NULL;
+                first.count = 17;
+                none.count = 0;
+                none.add = 1;
+                rest.dof = order + 17;
+                rest.f = x.f + 17;
+                rest.f32 = x.f32 + 17;
+                rest.count = 23;
+                rest.add = 1;
+                first.out = none.out = rest.out = out;
+                pal_field_sweep((pal_isa)isa, &first);
+                pal_field_sweep((pal_isa)isa, &none);
+                pal_field_sweep((pal_isa)isa, &rest);
+                assert_memory_equal(out, whole.out, (size_t)rows[r] * sizeof(float));
+            }
+        }
+        drop(&x);
+    }
 }
 
 static void variants_agree_single(void **state) {
@@ -190,6 +234,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(variants_agree_single), cmocka_unit_test(variants_agree_half),
         cmocka_unit_test(variants_agree_double), cmocka_unit_test(variants_agree_scaled),
+        cmocka_unit_test(sums_can_be_continued),
         cmocka_unit_test(sum_is_within_the_rounding_bound),
         cmocka_unit_test(no_force_gives_zero),   cmocka_unit_test(best_is_available_and_named),
     };
