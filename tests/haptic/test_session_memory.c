@@ -170,7 +170,7 @@ static int leaked(void) {
 }
 
 static pal_model *model;
-static char folder[64], path[128], csv[128];
+static char folder[64], path[128], dump[128], csv[128];
 enum { TICKS = 80 };
 
 static int set_up(void **state) {
@@ -182,6 +182,7 @@ static int set_up(void **state) {
         return 1;
     }
     (void)snprintf(path, sizeof path, "%s/run.h5", folder);
+    (void)snprintf(dump, sizeof dump, "%s/dump.h5", folder);
     (void)snprintf(csv, sizeof csv, "%s/t.csv", folder);
     FILE *file = fopen(csv, "w");
     if (file == NULL) {
@@ -217,6 +218,7 @@ static pal_status live_through(int *stage, pal_error *error) {
     def.duration = TICKS * 1e-3;
     def.freewheel = 1;
     def.record_path = path;
+    def.dump_path = dump; // the device refuses nothing: no fault, no dump
     def.ring_ticks = 64;
     *stage = own_only = 0;
     pal_status status = pal_device_create(&tool, 1e-3, &def.devices[0], error);

@@ -145,6 +145,31 @@ static void models_come_back_and_strange_files_do_not(void **state) {
     pal_model_free(a);
 }
 
+/// What a recording names is found by its hash; what is no hash never becomes a path.
+static void models_are_found_by_their_hash(void **state) {
+    (void)state;
+    pal_model *a = build('b'), *b = NULL;
+    pal_error error = {0};
+    char path[600];
+    assert_int_equal(setenv("PALPATE_CACHE", in_root("/cache"), 1), 0);
+    assert_int_equal(pal_cache_find(a->info.hash, &b, &error), PALPATE_ERROR_IO);
+    assert_null(b);
+    (void)snprintf(path, sizeof path, "%s/%s.palpate", in_root("/cache"), a->info.hash);
+    assert_int_equal(pal_cache_save(a, path, &error), PALPATE_OK);
+    assert_int_equal(pal_cache_find(a->info.hash, &b, &error), PALPATE_OK);
+    assert_string_equal(b->info.hash, a->info.hash);
+    pal_model_free(b);
+    static const char *const bad[] = {
+        "", "b", "../../../../../../../../../../../../../../../../../../../etc/passwd/",
+        "BBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBBB",
+        "bbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbb"};
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        assert_int_equal(pal_cache_find(bad[i], &b, &error), PALPATE_ERROR_ARGUMENT);
+    }
+    assert_int_equal(pal_cache_find(NULL, &b, &error), PALPATE_ERROR_ARGUMENT);
+    pal_model_free(a);
+}
+
 static void old_leftovers_are_removed_new_ones_kept(void **state) {
     (void)state;
     const char *old = in_root("/.x.palpate.0123456789abcdef0123.tmp");
@@ -230,6 +255,7 @@ int main(void) {
         TEST(the_environment_says_where),
         TEST(directories_others_could_write_are_refused),
         TEST(models_come_back_and_strange_files_do_not),
+        TEST(models_are_found_by_their_hash),
         TEST(old_leftovers_are_removed_new_ones_kept),
         TEST(two_builders_end_with_one_file),
         TEST(scenes_have_a_path),
