@@ -46,6 +46,7 @@ typedef struct bench_case {
     double radius;    ///< of the sphere; 0: the scene's own
     pal_stroke stroke;
     double force_limit, tick_limit; ///< p99.9 asked for [us]; 0: none
+    double friction;
 } bench_case;
 
 #define SLIDE(depth_, amplitude_)                                                                  \
@@ -60,12 +61,14 @@ typedef struct bench_case {
 #define READER PALPATE_FIELD_BY_READER
 
 static const bench_case cases[] = {
-    {"hemisphere", "scenes/hemisphere.yaml", SINGLE, SURFACE, SERVO, 0, SLIDE(0.003, 0.004), 0, 0},
-    {"organ", "scenes/organ.yaml", SINGLE, SURFACE, SERVO, 0, SLIDE(0.006, 0.008), 0, 0},
-    {"10k", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400},
-    {"10k-scaled", NULL, SCALED, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400},
-    {"10k-render", NULL, SINGLE, SURFACE, READER, 0.012, SLIDE(0.003, 0.006), 60, 400},
-    {"10k-nodes", NULL, SINGLE, NODES, SERVO, 0.012, SLIDE(0.0019, 0.006), 60, 400},
+    {"hemisphere", "scenes/hemisphere.yaml", SINGLE, SURFACE, SERVO, 0, SLIDE(0.003, 0.004), 0, 0, 0},
+    {"organ", "scenes/organ.yaml", SINGLE, SURFACE, SERVO, 0, SLIDE(0.006, 0.008), 0, 0, 0},
+    {"10k", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0},
+    {"10k-scaled", NULL, SCALED, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0},
+    {"10k-render", NULL, SINGLE, SURFACE, READER, 0.012, SLIDE(0.003, 0.006), 60, 400, 0},
+    {"10k-friction", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0.3},
+    {"10k-stick", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 5},
+    {"10k-nodes", NULL, SINGLE, NODES, SERVO, 0.012, SLIDE(0.0019, 0.006), 60, 400, 0},
 };
 enum { CASES = sizeof cases / sizeof *cases };
 
@@ -193,6 +196,7 @@ static int run_case(const bench_case *c, uint64_t ticks, FILE *csv) {
             tool.radius = c->radius;
             tool.start[2] = c->radius;
         }
+        tool.friction = c->friction > 0.0 ? c->friction : tool.friction;
         tool.device.kind = PALPATE_DEVICE_SCRIPTED;
         tool.device.stroke = c->stroke;
         pal_engine_def def = pal_engine_default_def();
