@@ -293,7 +293,7 @@ static int measure(const char *name, const pal_model *model, FILE *csv, FILE *ba
     double start = seconds();
     pal_rest_init(&s, model, a);
     double surface = seconds();
-    pal_near_init(&near, model, &s, d);
+    pal_near_init(&near, model, &s, 2, d); // as the law does
     pal_weights_init(&table, model, &s, PALPATE_WEIGHTS_NODES, PALPATE_WEIGHTS_POWER, b);
     double built = seconds() - start;
     surface -= start;

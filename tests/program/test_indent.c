@@ -77,7 +77,7 @@ static void sphere_on_block_follows_the_table(void **state) {
 }
 
 /// Radii and materials without a table: the finite block exceeds Hertz by a few per cent that grow with
-/// the contact radius (10 % at 0.146 m, 17 % at 0.235 m in the table for nu = 0.3); the cloud adds 3 %.
+/// the contact radius (10 % at 0.146 m, 17 % at 0.235 m in the table for nu = 0.3); the cloud may add 3 %.
 static void other_radii_and_materials_follow_hertz(void **state) {
     (void)state;
     const struct {
@@ -93,10 +93,12 @@ static void other_radii_and_materials_follow_hertz(void **state) {
         program_result r = indent_well(set);
         double ratio = at(&r, 0, "force") / hertz(1e4, cases[i].nu, R, d);
         print_message("  R %.1f, nu %.2f, depth %.2f: %.3f of Hertz\n", R, cases[i].nu, d, ratio);
-        // excess: 0.10 at a = 0.146 m, in proportion to a; more when nearly incompressible (the clamped
-        // sides hold the volume)
-        double excess = 0.7 * sqrt(R * d) * (cases[i].nu > 0.4 ? 1.8 : 1);
-        assert_true(ratio > 0.97 && ratio < 1.03 + excess);
+        // excess over Hertz: 0.10 at a = 0.146 m in the table, in proportion to a; more when nearly
+        // incompressible, as the clamped sides hold the volume: at nu = 0.49 the methods cell and galerkin
+        // on finer clouds tend to 1.234 (1.251, 1.243, 1.239 and 1.240, 1.234, 1.234 at spacings
+        // x 1, 0.72, 0.55)
+        double nu = cases[i].nu, excess = 0.7 * sqrt(R * d) * (nu > 0.47 ? 2.36 : nu > 0.4 ? 1.8 : 1);
+        assert_true(fabs(ratio / (1 + excess) - 1) < 0.03);
         program_clear(&r);
     }
 }
