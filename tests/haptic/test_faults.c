@@ -447,12 +447,59 @@ static void the_ring_is_dumped_on_demand(void **state) {
     assert_true(r.ticks == TICKS && r.dumps == 0 && r.dumps_lost > 0 && r.dump_path[0] == 0);
 }
 
+/// A device that says what it bears is obeyed, whatever the tool's definition asks for.
+static void the_devices_own_spec_holds(void **state) {
+    (void)state;
+    const pal_tool_def kept = tool;
+    pal_error e = {0};
+    for (int k = 0; k < 4; k++) {
+        liar d = {.what = TELEPORT, .length = k == 1 ? 1 : 0};
+        pal_session_def def = pal_session_default_def();
+        pal_session *session = NULL;
+        tool.limits = k == 3 ? (pal_tool_limits){INFINITY, INFINITY, 0.0} : kept.limits;
+        tool.coupling_stiffness = k == 2 ? 800.0 : 0.0;
+        def.engine.tool_count = 1;
+        def.engine.tools = &tool;
+        def.duration = 0.6;
+        def.freewheel = 1;
+        def.realtime = 0;
+        def.devices[0] =
+            (pal_device){.abi = PALPATE_DEVICE_ABI, .self = &d, .read = liar_read, .write = liar_write};
+        pal_device_spec *spec = &def.devices[0].spec;
+        spec->max_force = k == 3 ? 0.0 : 0.02;
+        spec->max_speed = k == 1 ? 0.5 : 0.0;
+        spec->max_stiffness = 500.0;
+        pal_status status = pal_session_create(model, &def, &session, &e);
+        if (k == 2) {
+            assert_int_equal(status, PALPATE_ERROR_ARGUMENT);
+            assert_non_null(strstr(e.message, "bears 500"));
+            tool = kept;
+            continue;
+        }
+        assert_int_equal(status, PALPATE_OK);
+        assert_int_equal(pal_session_start(session, &e), PALPATE_OK);
+        pal_session_report r = finish(session);
+        assert_int_equal(r.tool_count, 1);
+        if (k == 3) { // no limit, by choice: said so; the one left out has its default
+            assert_true(isinf(r.limits[0].force) && isinf(r.limits[0].slew));
+            assert_true(r.limits[0].torque == PALPATE_DEFAULT_TORQUE);
+            assert_int_equal(r.fault, 0);
+        } else {
+            assert_true(r.limits[0].force == 0.02 && r.limits[0].slew == kept.limits.slew);
+            assert_true(r.peak_force <= 0.02 * (1 + 1e-12) && (r.fault & PALPATE_FAULT_CAP));
+            assert_int_equal((r.fault & JUMP) != 0, k == 1);
+        }
+        tool = kept;
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_lie_of_the_device_ends_as_the_table_says),
         cmocka_unit_test(an_overrun_of_1_10_1000_periods_is_counted_and_judged),
         cmocka_unit_test(a_stalled_render_thread_stalls_nothing_else),
         cmocka_unit_test(the_ring_is_dumped_on_demand),
+        cmocka_unit_test(the_devices_own_spec_holds),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }

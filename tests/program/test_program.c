@@ -180,6 +180,26 @@ static void errors_are_located_and_exit_is_not_zero(void **state) {
     }
 }
 
+/// No limit is a choice that every run reports; a limit left out is the default.
+static void a_run_says_what_limits_hold(void **state) {
+    (void)state;
+    program_result r = run("run %s --for 0.05 --freewheel --no-draw --json --set tools.probe.limits.force=none "
+                           "--set tools.probe.device_spec.max_torque=0.01", scene_path);
+    assert_int_equal(r.status, 0);
+    const json_t *limits = json_array_get(json_object_get(r.json, "limits"), 0);
+    assert_true(json_is_null(json_object_get(limits, "force")));
+    assert_true(program_number(r.json, "limits.0.slew") == 100.0);
+    assert_true(program_number(r.json, "limits.0.torque") == 0.01);
+    program_clear(&r);
+    r = run("run %s --for 0.05 --freewheel --no-draw --set tools.probe.limits.force=none", scene_path);
+    assert_non_null(strstr(r.out, "force NOT LIMITED"));
+    program_clear(&r);
+    r = run("run %s --for 0.05 --freewheel --no-draw --set tools.probe.limits.force=0", scene_path);
+    assert_int_not_equal(r.status, 0);
+    assert_non_null(strstr(r.error, "auto, or none"));
+    program_clear(&r);
+}
+
 static int cache_entries(const char *directory) {
     int n = 0;
     DIR *d = opendir(directory);
@@ -268,6 +288,7 @@ int main(void) {
         cmocka_unit_test(a_model_file_presses_like_its_scene),
         cmocka_unit_test(h5dump_reads_the_model),
         cmocka_unit_test(errors_are_located_and_exit_is_not_zero),
+        cmocka_unit_test(a_run_says_what_limits_hold),
         cmocka_unit_test(lost_output_is_not_success),
         cmocka_unit_test(an_interrupt_leaves_nothing_half_written),
     };
