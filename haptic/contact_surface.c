@@ -31,6 +31,7 @@ static double solve3(const double a[3], const double b[3], const double c[3], co
     double ra[3] = {r[1] * a[2] - r[2] * a[1], r[2] * a[0] - r[0] * a[2],
                     r[0] * a[1] - r[1] * a[0]};
     double det = dot(a, bc);
+    out[0] = out[1] = out[2] = 0.0;
     if (!(fabs(det) > 0.0) || !isfinite(1.0 / det)) {
         return 0.0;
     }

@@ -318,7 +318,7 @@ static double edge_distance(const pal_rest_surface *s, int32_t edge, const doubl
 static int32_t find_boundary(build *b) {
     pal_rest_surface *s = b->s;
     const pal_model *model = b->model;
-    memset(b->flag, 0, (size_t)s->node_count);
+    memset(b->flag, 0, (size_t)s->node_count); // NOLINT(*.NonNullParamChecker): place() set it
     for (int32_t j = 0; j < model->info.column_count; j++) {
         int32_t node = model->column_node[j];
         if (node < s->node_count) {
@@ -356,7 +356,7 @@ static void find_inside(build *b) {
     double size = body_size(b->model);
     for (int32_t i = 0; i < s->node_count; i++) {
         s->inside[i] = size;
-        b->edge[i] = -1;
+        b->edge[i] = -1; // NOLINT(*.NullDereference): place() set it
     }
     int32_t head = 0, queued = find_boundary(b);
     while (queued > 0) {

@@ -273,6 +273,7 @@ void pal_weights_init(pal_weights_table *table, const pal_model *model,
     *table =
         (pal_weights_table){.surface = surface, .model = model, .nodes = nodes, .power = power};
     (void)place(model, table, &mark, memory);
+    // NOLINTNEXTLINE(*.NonNullParamChecker): place() set it
     memset(mark, 0, (size_t)surface->node_count * sizeof *mark);
     for (int32_t t = 0; t < surface->triangle_count; t++) {
         table->list[t] = -1;

@@ -13,4 +13,10 @@ PALPATE_API pal_status pal_fail(pal_error *error, pal_status status, const char 
 PALPATE_API pal_status pal_fail_prefix(pal_error *error, pal_status status, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
+#if defined(__clang_analyzer__) || defined(PALPATE_ANALYZER)
+/// Static analysers see one file at a time: tell them that the status given is the one returned.
+#define pal_fail(error, status, ...) ((void)(pal_fail)(error, status, __VA_ARGS__), (status))
+#define pal_fail_prefix(error, status, ...) ((void)(pal_fail_prefix)(error, status, __VA_ARGS__), (status))
+#endif
+
 #endif

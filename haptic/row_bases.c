@@ -103,6 +103,7 @@ static pal_status check_structure(const pal_row_bases *b, int32_t row_count, int
     }
     for (int32_t g = 0; status == PALPATE_OK && g < b->group_count; g++) {
         for (int32_t p = b->pair_start[g]; p < b->pair_start[g + 1]; p++) {
+            // NOLINTNEXTLINE(*.NullDereference): pairs end at pair_count
             int32_t r = b->pair_cluster[p];
             if (r < 0 || r >= b->cluster_count ||
                 (p > b->pair_start[g] && r <= b->pair_cluster[p - 1])) {

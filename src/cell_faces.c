@@ -142,7 +142,9 @@ pal_status pal_cell_faces_create(const pal_cloud *cloud, pal_cell_faces *out, pa
         number_pairs(cloud, out, head, next);
         size_t pairs = (size_t)out->pair_count;
         int32_t *shrunk = realloc(out->pair, 2 * pairs * sizeof *shrunk);
-        out->pair = shrunk != NULL ? shrunk : out->pair;
+        if (shrunk != NULL) {
+            out->pair = shrunk;
+        }
         out->wall = calloc(3 * pairs, sizeof *out->wall);
         out->volume = calloc(pairs, sizeof *out->volume);
         if (out->wall != NULL && out->volume != NULL) {

@@ -54,6 +54,7 @@ static void tet_shape_of(const pal_cloud *cloud, int32_t t, tet_shape *out) {
     }
     double det = 0.0;
     for (int k = 0; k < 3; k++) {
+        // cppcheck-suppress uninitvar // cross() writes it
         cross(e[(k + 1) % 3], e[(k + 2) % 3], out->gradient[k + 1]);
     }
     for (int c = 0; c < 3; c++) {

@@ -80,10 +80,9 @@ typedef struct pal_plot_series {
 } pal_plot_series;
 typedef struct pal_plot_panel {
     const char *title, *unit;
-    int logarithmic;
     double floor; ///< the least value a logarithmic panel shows
-    int series_count;
     pal_plot_series series[PALPATE_TOOLS_MAX];
+    int series_count, logarithmic;
 } pal_plot_panel;
 typedef struct pal_plot {
     const char *title;
