@@ -164,6 +164,7 @@ static int calm_organ(double k, const void *with) {
 static void widths(int quick) {
     FILE *f = table("width", "young,device,hand,damping,contact_stiffness,rigid_calm,largest_stiffness,all_organs_bound");
     printf("2 largest coupling stiffness without growth over 10 s [N/m] (inf: none up to %g grew)\n", STIFFEST);
+    printf("   passive with any hand, bare (b = 0.1): K < 2 (b - |B|) / T = 200 N/m at B = 0, none from B = 0.1 on\n");
     printf("   E [Pa]   device   hand    K_o [N/m]  no coupling   B=0      0.1      0.3      1        3 N s/m\n");
     const double damping[] = {0, 0.1, 0.3, 1, 3};
     for (double young = 1e3; young < 2e6; young *= 10) {
@@ -244,7 +245,7 @@ static const double TOP[3] = {0, 0, 0.004};
 static void defaults(int quick) {
     FILE *f = table("default", "young,device,hand,coupling,calm,swing_first,swing_last,taken,excess");
     printf("3 a slab of organ: tapped at 0.2 m/s for 10 s, then palpated by the hand, 4 mm deep at 2 Hz\n");
-    printf("   E [Pa]   device   hand    coupling   tap: swing first..last [mm]   cycle: taken [mJ]  excess [mJ]  of it\n");
+    printf("   (off: at rest above the organ, held by friction)\n   E [Pa]   device   hand    coupling   tap: swing first..last [mm]   cycle: taken [mJ]  excess [mJ]  of it\n");
     for (double young = 1e3; young < 2e6; young *= quick ? 10 : sqrt(10)) {
         pal_model *model = slab(young);
         for (int device = 0; device < 3; device++) {
@@ -272,7 +273,7 @@ static void defaults(int quick) {
                             coupled ? "default" : "none", calm, tap.swing[0], tap.swing[LOOP_WINDOWS - 1],
                             cycle.cycle_taken, cycle.cycle_given);
                     printf("   %-8.3g %-8s %-7s %-9s  %-6s %8.3f .. %-8.3g      ", young, DEVICE[device], GRIP[grip],
-                           coupled ? "default" : "none", calm > 0 ? "calm" : calm < 0 ? "LEFT" : "GROWS",
+                           coupled ? "default" : "none", calm > 0 ? "calm" : calm < 0 ? "off" : "GROWS",
                            1e3 * tap.swing[0], 1e3 * tap.swing[LOOP_WINDOWS - 1]);
                     if (cycle.cycle_taken > 1e-7) { // else friction held the hand off the organ
                         printf("%12.4g %12.3g %8.2g %%", 1e3 * cycle.cycle_taken, 1e3 * cycle.cycle_given,
@@ -337,9 +338,9 @@ static void plot(void) {
     }
     static const char *const script =
         "set datafile separator ','\nset terminal pngcairo size 1500,1000 font 'DejaVu Sans,10'\n"
-        "set output 'bench/results/stability.png'\nset multiplot layout 2,2\nset grid\nset logscale xy\nset key left top\n"
+        "set output 'bench/results/stability.png'\nset multiplot layout 2,2\nset grid\nset logscale xy\nset format y '10^{%L}'\nset key left top\n"
         "r = 'bench/results/stability_'\n"
-        "set title 'Virtual wall, no hand: largest stiffness'\nset xlabel 'damping of the device b [N s/m]'\n"
+        "set format x '%g'\nset title 'Virtual wall, no hand, T = 1 ms: largest stiffness'\nset xlabel 'damping of the device b [N s/m]'\n"
         "set ylabel 'K [N/m]'\n"
         "plot r.'wall.csv' using ($2==0 ? $1 : 1/0):3 with points title 'measured, B = 0', "
         "'' using ($2==0 ? $1 : 1/0):4 with lines title '2 b / T', "

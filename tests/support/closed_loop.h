@@ -39,7 +39,7 @@ typedef struct loop_result {
 pal_status loop_run(const loop_def *def, loop_result *out, pal_error *error);
 
 /// 1: no growth. What moves in the last fifth of the time is less than nine tenths of what moved
-/// between a tenth and three tenths of it, or within two steps of the encoders. (A loop that has
+/// between a tenth and three tenths of it, a millionth of the first swing, or within two steps of the encoders. (A loop that has
 /// grown into the limits of its actuators neither grows nor decays: that counts as growth.)
 int loop_calms(const loop_result *r, double resolution);
 
