@@ -21,6 +21,7 @@
 
 #include "haptic/engine.h"
 #include "haptic/quantiles.h"
+#include "src/compress.h"
 #include "tests/support/synthetic_model.h"
 
 static int64_t cpu_now(void) {
@@ -47,6 +48,7 @@ typedef struct bench_case {
     pal_stroke stroke;
     double force_limit, tick_limit; ///< p99.9 asked for [us]; 0: none
     double friction;
+    double tolerance; ///< of the half space's rows, as store.tolerance; 0: none
 } bench_case;
 
 #define SLIDE(depth_, amplitude_)                                                                  \
@@ -61,25 +63,31 @@ typedef struct bench_case {
 #define READER PALPATE_FIELD_BY_READER
 
 static const bench_case cases[] = {
-    {"hemisphere", "scenes/hemisphere.yaml", SINGLE, SURFACE, SERVO, 0, SLIDE(0.003, 0.004), 0, 0, 0},
-    {"organ", "scenes/organ.yaml", SINGLE, SURFACE, SERVO, 0, SLIDE(0.006, 0.008), 0, 0, 0},
-    {"10k", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0},
-    {"10k-scaled", NULL, SCALED, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0},
-    {"10k-render", NULL, SINGLE, SURFACE, READER, 0.012, SLIDE(0.003, 0.006), 60, 400, 0},
-    {"10k-friction", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0.3},
-    {"10k-stick", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 5},
-    {"10k-nodes", NULL, SINGLE, NODES, SERVO, 0.012, SLIDE(0.0019, 0.006), 60, 400, 0},
+    {"hemisphere", "scenes/hemisphere.yaml", SINGLE, SURFACE, SERVO, 0, SLIDE(0.003, 0.004), 0, 0, 0, 0},
+    {"organ", "scenes/organ.yaml", SINGLE, SURFACE, SERVO, 0, SLIDE(0.006, 0.008), 0, 0, 0, 0},
+    {"10k", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0, 0},
+    {"10k-scaled", NULL, SCALED, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0, 0},
+    {"10k-tolerance", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0, 1e-3},
+    {"10k-render", NULL, SINGLE, SURFACE, READER, 0.012, SLIDE(0.003, 0.006), 60, 400, 0, 0},
+    {"10k-friction", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0.3, 0},
+    {"10k-stick", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 5, 0},
+    {"10k-nodes", NULL, SINGLE, NODES, SERVO, 0.012, SLIDE(0.0019, 0.006), 60, 400, 0, 0},
 };
 enum { CASES = sizeof cases / sizeof *cases };
 
 /// About 10 000 stored nodes: 23 x 23 touchable on 25 x 25, 17 layers of which the last is fixed.
-static pal_model *half_space(pal_precision precision) {
+static pal_model *half_space(pal_precision precision, double tolerance, pal_error *error) {
     synthetic_params p = synthetic_default_params();
     p.n = 23;
     p.layers = 17;
     p.rows = SYNTHETIC_ROWS_ALL;
     p.precision = precision;
-    return synthetic_model(&p);
+    pal_model *model = synthetic_model(&p);
+    if (model != NULL && tolerance > 0.0 && pal_compress(model, tolerance, NULL, error) != PALPATE_OK) {
+        pal_model_free(model);
+        return NULL;
+    }
+    return model;
 }
 
 static pal_model *open_scene(const char *path, pal_error *error) {
@@ -180,7 +188,7 @@ static void report(const bench_case *c, const pal_model_info *info, const pal_en
 
 static int run_case(const bench_case *c, uint64_t ticks, FILE *csv) {
     pal_error error = {0};
-    pal_model *model = c->scene != NULL ? open_scene(c->scene, &error) : half_space(c->precision);
+    pal_model *model = c->scene != NULL ? open_scene(c->scene, &error) : half_space(c->precision, c->tolerance, &error);
     pal_engine *engine = NULL;
     pal_device device = {0};
     static measured m;

@@ -28,6 +28,8 @@
 
 #include "haptic/cost.h"
 #include "haptic/model.h"
+#include "src/compress.h"
+#include "src/seconds.h"
 
 enum { ROWS_MAX = 512, GOALS = 5 };
 static const double R = 0.05, PUSH = 0.005;
@@ -157,6 +159,8 @@ static pal_status restore(full_model *m, int32_t rows, pal_precision precision, 
     pal_model *model = m->model;
     size_t n = 3 * (size_t)m->rows, t = 3 * (size_t)model->info.column_count;
     double largest = 0;
+    pal_row_bases_free(model->bases);
+    model->bases = NULL;
     model->info.row_count = rows;
     model->info.precision = precision;
     memcpy(model->row_node, m->node, (size_t)rows * sizeof *m->node);
@@ -168,8 +172,6 @@ static pal_status restore(full_model *m, int32_t rows, pal_precision precision, 
     for (size_t j = 0; rows > 0 && j < t && status == PALPATE_OK; j++) {
         status = pal_model_store_column(model, (int64_t)j, m->column + j * n);
     }
-    model->info.bytes = 8 * t * t + t * 3 * (uint64_t)rows * pal_precision_size(precision) +
-                        8 * t * 3 * (uint64_t)model->info.probe_count;
     return status;
 }
 
@@ -211,11 +213,18 @@ static int sweep(const json_t *reference, const char *method, double spacing) {
     static const struct {
         const char *rows, *storage;
         pal_precision precision;
+        double tolerance;
     } variants[] = {
-        {"none", "-", PALPATE_PRECISION_SINGLE},      {"surface", "double", PALPATE_PRECISION_DOUBLE},
-        {"surface", "single", PALPATE_PRECISION_SINGLE}, {"surface", "half", PALPATE_PRECISION_HALF},
-        {"surface", "scaled", PALPATE_PRECISION_SCALED}, {"all", "single", PALPATE_PRECISION_SINGLE},
-        {"all", "scaled", PALPATE_PRECISION_SCALED},
+        {"none", "-", PALPATE_PRECISION_SINGLE, 0},
+        {"surface", "double", PALPATE_PRECISION_DOUBLE, 0},
+        {"surface", "single", PALPATE_PRECISION_SINGLE, 0},
+        {"surface", "half", PALPATE_PRECISION_HALF, 0},
+        {"surface", "scaled", PALPATE_PRECISION_SCALED, 0},
+        {"surface", "tolerance", PALPATE_PRECISION_DOUBLE, 1e-3},
+        {"surface", "tolerance", PALPATE_PRECISION_DOUBLE, 1e-2},
+        {"all", "single", PALPATE_PRECISION_SINGLE, 0},
+        {"all", "scaled", PALPATE_PRECISION_SCALED, 0},
+        {"all", "tolerance", PALPATE_PRECISION_DOUBLE, 1e-3},
     };
     full_model m = {.model = build(reference, method, spacing)};
     pal_press truth = {0};
@@ -232,12 +241,22 @@ static int sweep(const json_t *reference, const char *method, double spacing) {
         int32_t rows = strcmp(variants[k].rows, "none") == 0      ? 0
                        : strcmp(variants[k].rows, "surface") == 0 ? m.surface_rows
                                                                   : m.rows;
-        setting s = {.method = method, .spacing = spacing, .rows = variants[k].rows, .storage = variants[k].storage};
+        setting s = {.method = method, .spacing = spacing, .rows = variants[k].rows, .storage = variants[k].storage,
+                     .tolerance = variants[k].tolerance};
         pal_cost_ticks ticks;
-        ok = restore(&m, rows, variants[k].precision, &error) == PALPATE_OK &&
+        ok = restore(&m, rows, variants[k].precision, &error) == PALPATE_OK;
+        double start = pal_seconds_now();
+        if (ok && variants[k].tolerance > 0.0) {
+            ok = pal_compress(m.model, variants[k].tolerance, NULL, &error) == PALPATE_OK;
+        }
+        double packing = pal_seconds_now() - start;
+        uint64_t t = 3 * (uint64_t)m.model->info.column_count;
+        m.model->info.bytes =
+            8 * t * t + pal_model_row_bytes(m.model) + 8 * t * 3 * (uint64_t)m.model->info.probe_count;
+        ok = ok &&
              pal_cost_of_ticks(m.model, 1.0, 3, &ticks, &error) == PALPATE_OK;
         if (ok) {
-            add(&m, &s, &ticks, seconds, rounding(&m, truth.displacement));
+            add(&m, &s, &ticks, seconds + packing, rounding(&m, truth.displacement));
         }
     }
     if (!ok) {

@@ -25,8 +25,10 @@
 #include "haptic/error.h"
 #include "haptic/model.h"
 
-enum { METHODS = 2, PILOTS = 2, SWELLS = 3, FACTORS = 10, ROWS = 3, PRECISIONS = 2, BYS = 2, ROUNDS = 5, REASON = 512,
-       CANDIDATES = METHODS * FACTORS * ROWS * PRECISIONS * BYS };
+enum { METHODS = 2, PILOTS = 2, SWELLS = 3, FACTORS = 10, ROWS = 3, FORMS = 3, BYS = 2, ROUNDS = 5, REASON = 512,
+       CANDIDATES = METHODS * FACTORS * ROWS * FORMS * BYS };
+/// How the rows are stored: as the scene asks, in 16 bits, or compressed to a tolerance.
+enum { AS_ASKED, IN_16_BITS, COMPRESSED };
 static const char *const method_name[METHODS] = {"cell", "galerkin"};
 static const char *const rows_name[ROWS] = {"none", "surface", "all"};
 static const char *const precision_name[4] = {"double", "single", "half", "scaled"};
@@ -34,6 +36,7 @@ static const char *const by_name[BYS] = {"servo", "render"};
 /// Where a body is too thin for twice its spacing, pilots are finer.
 enum { PILOT_SETS = 2 };
 static const double pilot_factors[PILOT_SETS][PILOTS] = {{2.0, 1.26}, {1.26, 0.8}};
+static const double TOLERANCE = 1e-3;
 /// What a search may build: beyond this, ask by hand.
 static const double NODES_MAX = 40000.0, SECONDS_MAX = 120.0;
 static const double ERROR_FLOOR = 0.005;
@@ -70,7 +73,7 @@ typedef struct pilot {
 } pilot;
 
 typedef struct candidate {
-    int method, rows, by;
+    int method, rows, by, form;
     pal_precision precision;
     double factor;
     double nodes, bytes, tick_us, seconds, error; ///< predicted; error < 0: unknown
@@ -86,6 +89,7 @@ typedef struct search {
     const double *pilot_factor;
     int has[METHODS];
     char why_not[METHODS][REASON];
+    double less_field[METHODS], less_bytes[METHODS]; ///< compressed / as asked, finer pilot; 0: not compressed
     double touched[METHODS][SWELLS], force_us[METHODS][SWELLS]; ///< of the finer pilot
     int asked_rows;
     pal_precision asked_precision;
@@ -134,6 +138,31 @@ static void say(const search *s, const char *format, ...) {
     }
 }
 
+/// What compressing to TOLERANCE saves on the finer pilot (larger bodies save more). Failing is no error.
+static void measure_compressed(search *s, int method, const pal_model *plain, double field_us) {
+    char set[2][64];
+    const char *extra[] = {set[0], set[1]};
+    source p;
+    pal_cost_ticks ticks;
+    pal_error why = {0};
+    (void)snprintf(set[0], sizeof set[0], "method.kind=%s", method_name[method]);
+    (void)snprintf(set[1], sizeof set[1], "store.tolerance=%g", TOLERANCE);
+    s->less_field[method] = s->less_bytes[method] = 0.0;
+    double bytes = (double)pal_model_row_bytes(plain);
+    if (!(bytes > 0.0) || plain->info.field_tolerance > 0.0 || !(field_us > 0.0) ||
+        build(s, extra, 2, s->pilot_factor[PILOTS - 1], &p, &why) != PALPATE_OK) {
+        say(s, "pilot: not compressed: %s\n", why.message);
+        return;
+    }
+    if (pal_cost_of_ticks(p.model, 1.0, 2, &ticks, &why) == PALPATE_OK) {
+        s->less_field[method] = ticks.field_us.p50 / field_us;
+        s->less_bytes[method] = (double)pal_model_row_bytes(p.model) / bytes;
+        say(s, "pilot: compressed to %g: %.2f of the bytes, %.2f of the field's time\n", TOLERANCE,
+            s->less_bytes[method], s->less_field[method]);
+    }
+    source_close(&p);
+}
+
 static pal_status measure_pilot(search *s, int method, int k, pal_error *error) {
     char set[64];
     const char *extra[] = {set};
@@ -170,6 +199,9 @@ static pal_status measure_pilot(search *s, int method, int k, pal_error *error) 
         say(s, "pilot: %s, spacings x %.2f: %d nodes, %d columns, %.1f touched nodes, force %.1f us, %.2f s\n",
             method_name[method], s->pilot_factor[k], i->node_count, i->column_count, ticks.contacts,
             ticks.force_us.p99, i->seconds.total);
+        if (k == PILOTS - 1) {
+            measure_compressed(s, method, p.model, ticks.field_us.p50);
+        }
     }
     source_close(&p);
     return status;
@@ -204,9 +236,12 @@ static double force_time(const search *s, int method, double most) {
 }
 
 /// Relative error of a displacement by how its rows are stored: half has 2^-11, scaled a fifth of that at
-/// most (bench/compression); single and double are below all else.
-static double rounding_of(pal_precision precision) {
-    return precision == PALPATE_PRECISION_HALF ? 0x1p-11 : precision == PALPATE_PRECISION_SCALED ? 1e-4 : 0.0;
+/// most, compressed rows what was allowed; single and double are below all else.
+static double rounding_of(const candidate *c) {
+    return c->form == COMPRESSED                       ? TOLERANCE
+           : c->precision == PALPATE_PRECISION_HALF   ? 0x1p-11
+           : c->precision == PALPATE_PRECISION_SCALED ? 1e-4
+                                                      : 0.0;
 }
 
 static void predict(const search *s, candidate *c) {
@@ -214,13 +249,16 @@ static void predict(const search *s, candidate *c) {
     double columns = LAW(columns, -2.0), surface = LAW(surface, -2.0), inside = LAW(inside, -3.0);
     double rows = c->rows == 0 ? 0.0 : c->rows == 1 ? surface : inside;
     double most = LAW(most, -2.0), force = force_time(s, c->method, most);
-    double field = 1e6 * pal_cost_field(&s->machine, c->precision, most, rows);
+    int packed = c->form == COMPRESSED;
+    double field = (packed ? s->less_field[c->method] : 1.0) *
+                   (1e6 * pal_cost_field(&s->machine, c->precision, most, rows));
+    double row_bytes = (packed ? s->less_bytes[c->method] : 1.0) * 9.0 * columns * rows *
+                       (double)pal_precision_size(c->precision);
     c->nodes = LAW(nodes, -3.0);
     c->seconds = p[1].seconds * pow(c->nodes / p[1].nodes, 1.8);
-    c->bytes = s->correct_bytes *
-               (72.0 * columns * columns + 9.0 * columns * rows * (double)pal_precision_size(c->precision));
+    c->bytes = s->correct_bytes * (72.0 * columns * columns + row_bytes);
     c->tick_us = s->correct_tick[c->method][c->by] * (force + (c->by == 0 ? field : 0.0));
-    double rounding = rows > 0.0 ? rounding_of(c->precision) : 0.0;
+    double rounding = rows > 0.0 ? rounding_of(c) : 0.0;
     // a coarse pilot has no second, still coarser cloud in a thin body: the error then goes with the spacing
     double error = p[1].error < 0.0   ? -1.0
                    : p[0].error < 0.0 ? p[1].error * c->factor / s->pilot_factor[1]
@@ -262,8 +300,8 @@ static int better(const search *s, const candidate *a, const candidate *b) {
     if (a->by != b->by) {
         return a->by < b->by;
     }
-    if (a->precision != b->precision) {
-        return a->precision < b->precision;
+    if (a->form != b->form) {
+        return a->form < b->form;
     }
     return a->seconds < b->seconds;
 }
@@ -273,14 +311,15 @@ static void enumerate(search *s) {
     for (int m = 0; m < METHODS; m++) {
         for (int f = 0; f < FACTORS && s->has[m]; f++) {
             for (int r = s->asked_rows; r >= 0; r--) {
-                for (int k = 0; k < (r == 0 ? 1 : PRECISIONS * BYS); k++) {
-                    int small = k % PRECISIONS;
-                    if (small && s->asked_precision >= PALPATE_PRECISION_HALF) {
-                        continue; // 16 bits already
+                for (int k = 0; k < (r == 0 ? 1 : FORMS * BYS); k++) {
+                    int form = k % FORMS;
+                    if ((form == IN_16_BITS && s->asked_precision >= PALPATE_PRECISION_HALF) ||
+                        (form == COMPRESSED && !(s->less_bytes[m] > 0.0))) {
+                        continue; // 16 bits already, or nothing to compress
                     }
                     s->all[s->count++] = (candidate){
-                        .method = m, .rows = r, .by = k / PRECISIONS, .factor = 2.0 * pow(2.0, -f / 3.0),
-                        .precision = small ? PALPATE_PRECISION_SCALED : s->asked_precision};
+                        .method = m, .rows = r, .by = k / FORMS, .form = form, .factor = 2.0 * pow(2.0, -f / 3.0),
+                        .precision = form == IN_16_BITS ? PALPATE_PRECISION_SCALED : s->asked_precision};
                 }
             }
         }
@@ -303,9 +342,13 @@ static candidate *pick(search *s, int *fitting) {
     return best;
 }
 
+static const char *form_name(const candidate *c) {
+    return c->form == COMPRESSED ? "compressed to 0.001" : precision_name[c->precision];
+}
+
 static void describe(const candidate *c, char *out, size_t size) {
     (void)snprintf(out, size, "method %s, spacings x %.2f, rows %s in %s, field by the %s", method_name[c->method],
-                   c->factor, rows_name[c->rows], precision_name[c->precision], by_name[c->by]);
+                   c->factor, rows_name[c->rows], form_name(c), by_name[c->by]);
 }
 
 /// How far over the budget, the largest ratio; what the refusal names.
@@ -367,17 +410,19 @@ typedef struct measured {
 } measured;
 
 static pal_status try_candidate(search *s, candidate *c, source *out, measured *m, pal_error *error) {
-    char set[4][64];
-    const char *extra[4];
+    char set[5][64];
+    const char *extra[5];
+    int sets = c->form == COMPRESSED ? 5 : 4;
     (void)snprintf(set[0], sizeof set[0], "method.kind=%s", method_name[c->method]);
     (void)snprintf(set[1], sizeof set[1], "store.displacement=%s", rows_name[c->rows]);
     (void)snprintf(set[2], sizeof set[2], "store.precision=%s", precision_name[c->precision]);
     (void)snprintf(set[3], sizeof set[3], "render.field=%s", by_name[c->by]);
-    for (int k = 0; k < 4; k++) {
+    (void)snprintf(set[4], sizeof set[4], "store.tolerance=%g", TOLERANCE);
+    for (int k = 0; k < sets; k++) {
         extra[k] = set[k];
     }
     c->tried = 1;
-    pal_status status = build(s, extra, 4, c->factor, out, error);
+    pal_status status = build(s, extra, sets, c->factor, out, error);
     if (status != PALPATE_OK) {
         return status;
     }
@@ -392,7 +437,7 @@ static pal_status try_candidate(search *s, candidate *c, source *out, measured *
     m->bytes = (double)i->bytes;
     m->error = i->certificate.estimated_error < 0.0
                    ? -1.0
-                   : i->certificate.estimated_error + (c->rows > 0 ? rounding_of(c->precision) : 0.0);
+                   : i->certificate.estimated_error + (c->rows > 0 ? rounding_of(c) : 0.0);
     return PALPATE_OK;
 }
 
@@ -432,9 +477,9 @@ static json_t *make_account(const search *s, const candidate *c, const measured 
                                   "bytes", number_or_null(b->bytes > 0.0 ? b->bytes : -1.0), "error",
                                   number_or_null(b->error > 0.0 ? b->error : -1.0)));
     json_object_set_new(j, "picked",
-                        json_pack("{s:s,s:f,s:s,s:s,s:s}", "method", method_name[c->method], "spacing_factor",
-                                  c->factor, "displacement", rows_name[c->rows], "precision",
-                                  precision_name[c->precision], "field", by_name[c->by]));
+                        json_pack("{s:s,s:f,s:s,s:s,s:f,s:s}", "method", method_name[c->method], "spacing_factor",
+                                  c->factor, "displacement", rows_name[c->rows], "precision", form_name(c),
+                                  "tolerance", c->form == COMPRESSED ? TOLERANCE : 0.0, "field", by_name[c->by]));
     json_object_set_new(j, "why", json_string(why));
     json_object_set_new(j, "considered", json_integer(s->count));
     json_object_set_new(j, "fitting", json_integer(fitting));
