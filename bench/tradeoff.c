@@ -282,7 +282,7 @@ static int sweep(const json_t *reference, const char *method, double spacing) {
 static int dominates(const setting *a, const setting *b) {
     int better = 0;
     for (int g = 0; g < GOALS; g++) {
-        if (a->goal[g] > b->goal[g]) {
+        if (a->goal[g] > 1.001 * b->goal[g]) { // what nobody can measure is no difference
             return 0;
         }
         better |= a->goal[g] < 0.97 * b->goal[g];
