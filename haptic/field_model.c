@@ -191,8 +191,8 @@ double pal_field_predict(const pal_model *model, int32_t count, const int32_t *d
     // ns per byte, medians of bench/compress and bench/tick on a busy machine: touched columns come from
     // beyond the cache (converting 16 bits costs a little), bases stay in it, near pairs are short runs;
     // a sweep over one pair or cluster has to start, and every row finds its place in the end
-    static const double touched_ns = 0.035, integer_ns = 0.045, basis_ns = 0.03, near_ns = 0.09,
-                        pair_ns = 60, cluster_ns = 60, row_ns = 0.25;
+    static const double touched_ns = 0.035, integer_ns = 0.045, basis_ns = 0.06, near_ns = 0.18,
+                        pair_ns = 60, cluster_ns = 60, row_ns = 0.4;
     const pal_row_bases *b = model->bases;
     if (pal_field_floats(model) == 0) {
         return 0;
