@@ -68,8 +68,7 @@ pal_status pal_build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const pa
     pal_status status = PALPATE_OK;
     if (fixed == NULL || probes == NULL) {
         status = pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory");
-    }
-    if (status == PALPATE_OK) {
+    } else {
         for (int32_t i = 0; i < cloud->node_count; i++) {
             fixed[i] = (sets->flags[i] & PALPATE_NODE_FIXED) != 0;
         }

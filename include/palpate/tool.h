@@ -134,6 +134,7 @@ typedef struct pal_watchdog_def {
 #define PALPATE_DEFAULT_COUPLING_STIFFNESS 1000.0 ///< [N/m]
 
 /// One tool of a scene. Positions are in the body's frame.
+// NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding): in the order a reader looks for things
 typedef struct pal_tool_def {
     char name[PALPATE_NAME_MAX];
     pal_shape_kind shape;

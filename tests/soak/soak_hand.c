@@ -39,6 +39,7 @@ static void unit(double v[3]) {
 
 static void random_direction(soak_rng *r, double v[3]) {
     double l = 0.0;
+    v[0] = v[1] = v[2] = 1.0;
     while (!(l > 0.01 && l < 1.0)) {
         l = 0.0;
         for (int i = 0; i < 3; i++) {
