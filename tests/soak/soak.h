@@ -72,7 +72,9 @@ typedef struct soak_energy {
     int begun;   ///< a tick before exists
     int judged;  ///< 0: something happened in this excursion that energy says nothing about
     double work, stored; ///< now and the largest [J]
+    double blur;         ///< what the rule cannot tell: sum of |dF| |dx| / 4 over the ticks [J]
     double worst;        ///< of all excursions: the most negative end / the largest stored
+    double beyond;       ///< of all excursions: the farthest an end lay below -blur [J]
     double given, taken; ///< sums of the ends below and above zero [J]
     uint64_t excursions; ///< of which energy says something
     double largest;      ///< force [N] seen

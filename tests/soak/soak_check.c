@@ -3,7 +3,9 @@
 /// Limits hold to rounding. Energy: over an excursion (all tools free, then touching, then free again, no
 /// fault, limit or grasp in between) the work done on the body is summed by the trapezoidal rule over poses
 /// and forces of the ticks. Where one tool retraces its path, in and out along one line, it must not end
-/// below zero: whatever the law, it may keep no memory that gives energy back. Where tools slide, the contact
+/// below zero by more than the rule cannot tell (in and out are sampled at different depths; for a force
+/// that is monotone within a tick a trapezoid errs by less than |dF| |dx| / 2, and errors of both signs
+/// come: half of that is allowed): whatever the law, it may keep no memory that gives energy back. Where tools slide, the contact
 /// laws are not conservative, and that is measured, not judged: forces act along the rest shape's normals,
 /// so the tangential force that belongs to a compliance varying along the surface is missing, and sliding to
 /// and fro takes or gives energy.
@@ -105,7 +107,7 @@ static double work(const soak_track *t, const pal_tool_state *in, const pal_tool
 void soak_check_tick(soak_episode *e, int64_t n, const pal_tool_force out[]) {
     soak_energy *g = &e->energy;
     int free_of_it = 1, ordinary = 1;
-    double w = 0.0;
+    double w = 0.0, blur = 0.0;
     (void)n;
     for (int t = 0; t < e->effective.tool_count; t++) {
         const pal_tool_force *f = &out[t];
@@ -113,21 +115,29 @@ void soak_check_tick(soak_episode *e, int64_t n, const pal_tool_force out[]) {
         ordinary &= f->fault == 0 && !e->bad[t] && e->in[t].buttons == 0 && e->in[t].flags == 0;
         if (ordinary && g->begun) {
             w += work(&e->track[t], &e->in[t], f);
+            double df[3], dx[3];
+            for (int i = 0; i < 3; i++) {
+                df[i] = f->force[i] - e->track[t].force[i];
+                dx[i] = e->in[t].position[i] - e->track[t].position[i];
+            }
+            blur += 0.25 * norm(df) * norm(dx);
         }
     }
     g->judged &= ordinary && g->begun;
     if (g->judged) {
         g->work += w;
+        g->blur += blur;
         g->stored = fmax(g->stored, g->work);
     }
     if (free_of_it) {
         if (g->judged && g->stored > 1e-6) { // below a micronewton metre nothing was felt
             g->excursions++;
             g->worst = fmin(g->worst, g->work / g->stored);
+            g->beyond = fmax(g->beyond, -g->work - g->blur);
             g->given += fmax(0.0, -g->work);
             g->taken += fmax(0.0, g->work);
         }
-        g->work = g->stored = 0.0;
+        g->work = g->stored = g->blur = 0.0;
         g->judged = ordinary;
     }
     g->begun = ordinary;
