@@ -16,6 +16,8 @@
 ///      is known to crash on such bytes; what it finds are HDF5's bugs, listed apart. It is why the
 ///      gate comes first.
 ///
+/// Bit 7 of that byte takes the model with compressed rows.
+///
 /// Build: clang -g -O1 -fsanitize=fuzzer,address,undefined with libpalpate's sources.
 #include <math.h>
 #include <stdint.h>
@@ -24,6 +26,7 @@
 
 #include "haptic/file_header.h"
 #include "haptic/model.h"
+#include "src/compress.h"
 #include "tests/fuzz/h5_changes.h"
 #include "tests/support/synthetic_model.h"
 
@@ -32,8 +35,16 @@
 int LLVMFuzzerInitialize(int *argc, char ***argv);
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-static h5_base base;
+static h5_base bases[2]; ///< stored as half rows; compressed
 static int raw; ///< behind the gate, too
+
+static void take_base(pal_model *model, h5_base *base) {
+    void *image;
+    REQUIRE(pal_model_image(model, &image, &base->size, NULL) == PALPATE_OK);
+    base->image = image;
+    pal_model_free(model);
+    h5_base_note_names(base);
+}
 
 int LLVMFuzzerInitialize(int *argc, char ***argv) {
     (void)argc;
@@ -46,13 +57,46 @@ int LLVMFuzzerInitialize(int *argc, char ***argv) {
     pal_model *model = synthetic_model(&p);
     REQUIRE(model != NULL);
     model->scene_text = strdup("palpate: 1\n");
-    void *image;
-    REQUIRE(pal_model_image(model, &image, &base.size, NULL) == PALPATE_OK);
-    base.image = image;
-    pal_model_free(model);
+    take_base(model, &bases[0]);
+    p.n = 3;
+    p.precision = PALPATE_PRECISION_DOUBLE;
+    p.rows = SYNTHETIC_ROWS_ALL;
+    model = synthetic_model(&p);
+    pal_rows rows;
+    REQUIRE(model != NULL && pal_rows_compress(model, 0.05, NULL, &rows, NULL) == PALPATE_OK);
+    pal_rows_take(model, &rows);
+    take_base(model, &bases[1]);
     raw = getenv("PALPATE_FUZZ_RAW") != NULL;
-    h5_base_note_names(&base);
     return 0;
+}
+
+/// A tool pressed into it: the engine takes it or says why not, and answers finite forces.
+static void touch(const pal_model *model) {
+    const pal_tool_def tool = {.name = "ball",
+                               .shape = PALPATE_SHAPE_SPHERE,
+                               .radius = 0.004,
+                               .limits = {1.0, 1.0, 1.0}};
+    pal_engine_def def = pal_engine_default_def();
+    def.tool_count = 1;
+    def.tools = &tool;
+    pal_error error = {0};
+    for (int law = PALPATE_CONTACT_SURFACE; law <= PALPATE_CONTACT_NODES; law++) {
+        pal_engine *engine = NULL;
+        def.contact_law = (pal_contact_kind)law;
+        if (pal_engine_create(model, &def, &engine, &error) != PALPATE_OK) {
+            REQUIRE(engine == NULL && error.message[0] != 0);
+            continue;
+        }
+        for (int k = 0; k < 4; k++) {
+            pal_tool_state in = {.position = {0.0, 0.0, 0.004 - 0.001 * k}, .orientation = {1.0, 0.0, 0.0, 0.0}};
+            pal_tool_force out;
+            pal_frame frame;
+            (void)pal_engine_tick(engine, &in, &out);
+            REQUIRE(isfinite(out.force[0] + out.force[1] + out.force[2]));
+            (void)pal_engine_snapshot(pal_engine_reader(engine, 0), &frame);
+        }
+        pal_engine_free(engine);
+    }
 }
 
 /// Use a model that was accepted, as a host would.
@@ -76,6 +120,7 @@ static void use(pal_model *model) {
     }
     free(rows);
     free(skin);
+    touch(model);
     void *image, *again;
     size_t size, again_size;
     REQUIRE(pal_model_image(model, &image, &size, &error) == PALPATE_OK);
@@ -105,19 +150,19 @@ static void parse(const void *image, size_t size) {
 // ---- Modes 0 and 2: bytes
 // -------------------------------------------------------------------------
 
-static void change_bytes(const uint8_t *data, size_t size, int behind_the_gate) {
-    uint8_t *image = malloc(base.size + 256);
+static void change_bytes(const h5_base *base, const uint8_t *data, size_t size, int behind_the_gate) {
+    uint8_t *image = malloc(base->size + 256);
     REQUIRE(image != NULL);
-    memcpy(image, base.image, base.size);
-    memset(image + base.size, 0, 256);
-    size_t length = base.size;
+    memcpy(image, base->image, base->size);
+    memset(image + base->size, 0, 256);
+    size_t length = base->size;
     while (size >= 4) {
         uint64_t at = h5_take(&data, &size, 3);
-        image[at % base.size] ^= (uint8_t)h5_take(&data, &size, 1);
+        image[at % base->size] ^= (uint8_t)h5_take(&data, &size, 1);
     }
     if (size >= 2) {
-        length = (size_t)(h5_take(&data, &size, 2) * base.size / 65000); // may also grow a little
-        length = length > base.size + 256 ? base.size + 256 : length;
+        length = (size_t)(h5_take(&data, &size, 2) * base->size / 65000); // may also grow a little
+        length = length > base->size + 256 ? base->size + 256 : length;
     }
     uint8_t *exact = malloc(length + 1); // so that reading beyond the end is seen
     REQUIRE(exact != NULL);
@@ -128,7 +173,7 @@ static void change_bytes(const uint8_t *data, size_t size, int behind_the_gate) 
         pal_error error = {0};
         pal_status status = pal_file_verify(PALPATE_FILE_MODEL, PALPATE_MODEL_VERSION, exact,
                                             length, "fuzzed", &error);
-        int same = length == base.size && memcmp(image, base.image, length) == 0;
+        int same = length == base->size && memcmp(image, base->image, length) == 0;
         REQUIRE((status == PALPATE_OK) == same);
         REQUIRE(same || error.message[0] != 0);
     }
@@ -136,9 +181,9 @@ static void change_bytes(const uint8_t *data, size_t size, int behind_the_gate) 
     free(image);
 }
 
-static void change_content(const uint8_t *data, size_t size) {
+static void change_content(const h5_base *base, const uint8_t *data, size_t size) {
     size_t length;
-    uint8_t *image = h5_changed(&base, data, size, &length);
+    uint8_t *image = h5_changed(base, data, size, &length);
     parse(image, length);
     free(image);
 }
@@ -147,16 +192,17 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     if (size < 1) {
         return 0;
     }
-    switch (data[0] % 3) {
+    const h5_base *base = &bases[data[0] >> 7];
+    switch ((data[0] & 127) % 3) {
     case 0:
-        change_bytes(data + 1, size - 1, 0);
+        change_bytes(base, data + 1, size - 1, 0);
         break;
     case 1:
-        change_content(data + 1, size - 1);
+        change_content(base, data + 1, size - 1);
         break;
     default:
         if (raw) {
-            change_bytes(data + 1, size - 1, 1);
+            change_bytes(base, data + 1, size - 1, 1);
         }
     }
     return 0;
