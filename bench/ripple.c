@@ -238,7 +238,7 @@ static void slide(const pal_model *model, const walk *line, double radius, doubl
         for (int i = 0; i < line[l].count; i++) {
             const pal_surface_point *at = &line[l].place[i].at;
             pal_contact_tool pose = {.pose = {.orientation = {1, 0, 0, 0}}, .present = 1};
-            pal_contact_result result;
+            pal_contact_result result = {0};
             for (int c = 0; c < 3; c++) {
                 pose.pose.position[c] = at->position[c] + (radius - depth) * h * at->normal[c];
             }
