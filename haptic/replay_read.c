@@ -210,8 +210,8 @@ const pal_recording_info *pal_recording_get_info(const pal_recording *recording)
 pal_status pal_recording_rows(pal_recording *r, int64_t first, int64_t count, pal_tick_record *out,
                               pal_error *error) {
     if (first < 0 || count < 0 || first > r->info.records || count > r->info.records - first) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "recording: rows %lld to %lld of %lld",
-                        (long long)first, (long long)(first + count), (long long)r->info.records);
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "recording: %lld rows from %lld of %lld",
+                        (long long)count, (long long)first, (long long)r->info.records);
     }
     double *column = malloc((size_t)(count + 1) * 4 * sizeof *column);
     if (column == NULL) {
