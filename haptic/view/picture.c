@@ -21,6 +21,10 @@ pal_status pal_picture_write_png(const char *path, int width, int height, const 
         sizeof temporary) {
         return pal_fail(error, PALPATE_ERROR_IO, "%s: the path is too long", path);
     }
+    struct stat found; // the rename would put a file in the place of a device or a pipe
+    if (stat(path, &found) == 0 && !S_ISREG(found.st_mode)) {
+        return pal_fail(error, PALPATE_ERROR_IO, "%s: the picture cannot be written: not a regular file", path);
+    }
     png_image image;
     memset(&image, 0, sizeof image);
     image.version = PNG_IMAGE_VERSION;

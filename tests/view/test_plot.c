@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -150,6 +151,16 @@ static void errors_name_the_picture(void **state) {
     plot.columns = pal_plot_columns(WIDTH, HEIGHT);
     assert_int_equal(pal_plot_write_png("/nonexistent/x.png", WIDTH, HEIGHT, &plot, &e), PALPATE_ERROR_IO);
     assert_non_null(strstr(e.message, "/nonexistent/x.png"));
+    // what is not a file stays what it is
+    char pipe[64];
+    struct stat found;
+    (void)snprintf(pipe, sizeof pipe, "/tmp/palpate-plot-pipe-%d", (int)getpid());
+    assert_int_equal(mkfifo(pipe, 0600), 0);
+    assert_int_equal(pal_plot_write_png(pipe, WIDTH, HEIGHT, &plot, &e), PALPATE_ERROR_IO);
+    assert_non_null(strstr(e.message, "not a regular file"));
+    assert_int_equal(stat(pipe, &found), 0);
+    assert_true(S_ISFIFO(found.st_mode));
+    (void)unlink(pipe);
 }
 
 int main(void) {
