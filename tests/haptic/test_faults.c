@@ -321,7 +321,7 @@ static void an_overrun_of_1_10_1000_periods_is_counted_and_judged(void **state) 
     (void)state;
     static const int64_t periods[] = {1, 10, 1000};
     for (int k = 0; k < 3; k++) {
-        liar d = {.hold_at = 350, .hold_ns = periods[k] * MS};
+        liar d = {.hold_at = 20, .hold_ns = periods[k] * MS}; // early: a busy machine may grant few ticks
         pal_session *session = open_session(&d, 0, 0.6 + 1e-3 * (double)periods[k]);
         assert_int_equal(pal_session_start(session, NULL), PALPATE_OK);
         pal_session_report r = finish(session);
