@@ -289,8 +289,10 @@ $(BENCH_BIN): $(BUILD)/bench/%: $(BUILD)/obj/bench/%.o $(BENCH_AUX) $(OFFLINE_A)
 	@mkdir -p $(@D)
 	$(if $(V),,@echo "  LINK $@")
 	$(Q)$(CC) $(SANITIZE) $(filter %.o,$^) $(OFFLINE_A) $(LIB_A) $(ONLINE_LIBS) $(OFFLINE_LIBS) -ljansson $(LDFLAGS) -o $@
+.PHONY: build-bench
+build-bench: build-all $(BENCH_BIN) ## build the benches, run none
 bench: deps ## build and run every bench (long)
-	@$(MAKE) --no-print-directory -j$(JOBS) build-all $(BENCH_BIN)
+	@$(MAKE) --no-print-directory -j$(JOBS) build-bench
 	@for b in $(BENCH_BIN); do echo "== $$b"; $$b || exit 1; done
 bench-%: ## build and run one bench, e.g. make bench-tick
 	@$(MAKE) --no-print-directory -j$(JOBS) build-all $(BUILD)/bench/$*
