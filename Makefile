@@ -107,7 +107,7 @@ OFFLINE    := $(if $(OFFLINE_SRC),$(OFFLINE_A) $(OFFLINE_SO))
 all: build-all ## build libraries and programs
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-zA-Z_-]+:.*## /{printf "  %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-zA-Z_%-]+:.*## /{printf "  %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 	@echo "  variables: BUILD=$(BUILD) PREFIX=$(PREFIX) VARIANT=$(VARIANT) OPT='$(OPT)' T='$(T)'"
 
 print-config: ## show compiler, flags and library versions

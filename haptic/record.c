@@ -5,6 +5,7 @@
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -116,6 +117,12 @@ pal_status pal_recorder_open(pal_recorder *r, const pal_model *model, const pal_
     }
     if (status == PALPATE_OK) {
         status = pal_recording_name(def->record_path, ".frames", r->frames_name, error);
+    }
+    // the finished file is renamed over it: root would replace a device
+    struct stat found;
+    if (status == PALPATE_OK && stat(r->path, &found) == 0 && !S_ISREG(found.st_mode)) {
+        status = pal_fail(error, PALPATE_ERROR_IO,
+                          "%s: exists and is not a regular file; choose another name", r->path);
     }
     if (status != PALPATE_OK) {
         return status;
