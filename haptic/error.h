@@ -15,8 +15,13 @@ PALPATE_API pal_status pal_fail_prefix(pal_error *error, pal_status status, cons
 
 #if defined(__clang_analyzer__) || defined(PALPATE_ANALYZER)
 /// Static analysers see one file at a time: tell them that the status given is the one returned.
-#define pal_fail(error, status, ...) ((void)(pal_fail)(error, status, __VA_ARGS__), (status))
-#define pal_fail_prefix(error, status, ...) ((void)(pal_fail_prefix)(error, status, __VA_ARGS__), (status))
+static inline pal_status pal_told(pal_status said, pal_status status) {
+    (void)said;
+    return status;
+}
+#define pal_fail(error, status, ...) pal_told((pal_fail)(error, status, __VA_ARGS__), status)
+#define pal_fail_prefix(error, status, ...)                                                        \
+    pal_told((pal_fail_prefix)(error, status, __VA_ARGS__), status)
 #endif
 
 #endif
