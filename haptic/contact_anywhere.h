@@ -61,7 +61,7 @@ typedef struct anywhere_point {
 
 /// What friction remembers of a contact point of the last tick.
 typedef struct anywhere_trace {
-    int32_t id;
+    int32_t id, tool, station;
     double x[3], normal[3], width, fade; ///< as anywhere_point
     double force[3];                     ///< on the body [N]
 } anywhere_trace;

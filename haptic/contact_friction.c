@@ -159,7 +159,11 @@ void pal_anywhere_remember(anywhere_law *law, const pal_contact_result *result) 
     for (int32_t i = 0; i < law->points; i++) {
         const anywhere_point *point = &law->point[i];
         anywhere_trace *trace = &law->trace[i];
-        *trace = (anywhere_trace){.id = point->id, .width = point->width, .fade = point->fade};
+        *trace = (anywhere_trace){.id = point->id,
+                                  .tool = point->tool,
+                                  .station = point->station,
+                                  .width = point->width,
+                                  .fade = point->fade};
         memcpy(trace->x, point->x, sizeof trace->x);
         memcpy(trace->normal, point->normal, sizeof trace->normal);
         for (int32_t a = 0; a < point->rows; a++) {

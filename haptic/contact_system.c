@@ -9,8 +9,9 @@
 /// with R the regular part of the nodes' compliance (near_field.h, working_set.h): what the mesh knows, interpolated,
 /// plus the half-space's 1/r between the points themselves, each with the width of its own cell (w_i =
 /// sqrt(A_i) / (2 self)). b is the Gram matrix of charges spread over depths w_i, so positive definite,
-/// coincident points included. 1/k is the compliance of the virtual coupling: the proxy stands at
-/// p_free - f / k, and gaps are taken at p_free. A point that fades gets 1/fade times its own K_ii.
+/// but for points of equal width at one place, which would be one row twice: so b is a little smaller
+/// between stations and between tools. 1/k is the compliance of the virtual coupling: the proxy stands
+/// at p_free - f / k, and gaps are taken at p_free. A point that fades gets 1/fade times its own K_ii.
 ///
 /// A point has one row, e = -n with the gap w = M z + q >= 0 and z >= 0, or three, with the slips along
 /// two tangents behind it (friction: since the last tick, contact_friction.c; held: w = 0); friction.h
@@ -24,6 +25,9 @@
 /// Bounds of a tick: pivots without friction; factorizations with it, of which from the last tick's
 /// forces 1 to 4 are typical.
 enum { ITERATIONS = 200, FRICTION_ITERATIONS = 60 };
+/// Factors of b_ij between two tools and between two stations of one: below 1, so that M is positive
+/// definite where their points coincide (a capsule on end, tools in one place).
+static const double APART = 0.99, ALONG = 0.999;
 
 void pal_anywhere_gather(anywhere_law *law) {
     int32_t kept = 0;
@@ -67,10 +71,19 @@ void pal_anywhere_sample(const anywhere_point *point, const double *v, double u[
     }
 }
 
-/// b_ij, divided by what a point fades to when i = j
+/// b_ij before fading, j given by its parts; `same`: i and j are one point.
+static double apart(const anywhere_point *i, const double x[3], double width, int32_t tool,
+                       int32_t station, int same) {
+    double d[3] = {i->x[0] - x[0], i->x[1] - x[1], i->x[2] - x[2]}, both = i->width + width;
+    double b = 1.0 / sqrt(dot(d, d) + both * both);
+    if (same) {
+        return b;
+    }
+    return i->tool != tool ? APART * b : i->station != station ? ALONG * b : b;
+}
+
 static double spread(const anywhere_point *i, const anywhere_point *j) {
-    double d[3] = {i->x[0] - j->x[0], i->x[1] - j->x[1], i->x[2] - j->x[2]};
-    double width = i->width + j->width, b = 1.0 / sqrt(dot(d, d) + width * width);
+    double b = apart(i, j->x, j->width, j->tool, j->station, i == j);
     return i == j ? b / i->fade : b;
 }
 
@@ -79,8 +92,7 @@ void pal_anywhere_trace(const anywhere_law *law, const anywhere_point *point, do
     u[0] = u[1] = u[2] = 0.0;
     for (int32_t k = 0; k < law->traces; k++) {
         const anywhere_trace *j = &law->trace[k];
-        double d[3] = {point->x[0] - j->x[0], point->x[1] - j->x[1], point->x[2] - j->x[2]};
-        double width = point->width + j->width, b = 1.0 / sqrt(dot(d, d) + width * width);
+        double b = apart(point, j->x, j->width, j->tool, j->station, point->id == j->id);
         b = point->id == j->id ? b / j->fade : b;
         double along = dot(j->force, j->normal);
         for (int i = 0; i < 3; i++) {

@@ -197,6 +197,8 @@ static double compliance(const rig *r, const anywhere_point *i, const double e[3
     double d[3] = {i->x[0] - j->x[0], i->x[1] - j->x[1], i->x[2] - j->x[2]};
     double k = (tangent * dot(e, f) + (normal - tangent) * dot(e, i->normal) * dot(f, j->normal)) /
                sqrt(dot(d, d) + pow(i->width + j->width, 2));
+    // a little less between tools and between stations, against coincident points (contact_system.c)
+    k *= i->tool != j->tool ? 0.99 : i->station != j->station ? 0.999 : 1.0;
     return sum + (i == j ? k / i->fade : k);
 }
 
