@@ -91,7 +91,7 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         o->path = arg;
         return 0;
     case ARGP_KEY_NO_ARGS:
-        argp_error(state, "which SCENE or MODEL? e.g. palpate run scenes/hemisphere.yaml --snapshot organ.png");
+        argp_error(state, "which SCENE or MODEL? e.g. palpate run scenes/organ.yaml --snapshot organ.png");
         return 0;
     default:
         return ARGP_ERR_UNKNOWN;
@@ -442,6 +442,11 @@ int command_run(int argc, char **argv) {
     status = run(&s, &o, &report, &paint, &error);
     int exit_status = 0;
     if (status != PALPATE_OK) {
+        if (!o.common.json && report.ticks > 0 && paint != NULL && painter_status(paint, NULL) != PALPATE_OK) {
+            o.snapshot = o.gif = NULL; // a picture that failed does not lose the run's report
+            print_report(&report, &o, paint);
+            print_energy(&report, pal_model_runtime(s.model));
+        }
         exit_status = report_error(&o.common, status, &error);
     } else if (o.common.json) {
         json_t *object = json_report(&report, &o);

@@ -35,7 +35,8 @@ int command_schema(int argc, char **argv) {
                                                   k->type, "unit", k->unit, "allowed", k->allowed,
                                                   "default", k->default_text, "help", k->help));
         } else {
-            (void)printf("%s\n    %s%s%s%s; %s; default: %s\n    %s\n", k->path, k->type,
+            (void)printf("%s\n    %s%s%s%s; %s; default: %s\n    %s\n",
+                         k->path[0] ? k->path : "(all of it)", k->type,
                          k->unit[0] ? " [" : "", k->unit, k->unit[0] ? "]" : "", k->allowed,
                          k->default_text, k->help);
         }
