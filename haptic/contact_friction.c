@@ -23,6 +23,10 @@
 #include "haptic/contact_anywhere.h"
 #include "haptic/pose.h"
 
+/// Weight in the drag of a point without normal force, as a part of the tool's force: were a station
+/// that loses its force laid out without drag, it could win and lose it for ever under a tool at rest.
+static const double UNLOADED = 1e-6;
+
 /// v less its part along n.
 static void flatten(const double n[3], double v[3]) {
     double along = dot(v, n);
@@ -120,9 +124,11 @@ static void follow_material(anywhere_law *law) {
         const anywhere_tool *tool = &law->tool[point->tool];
         anywhere_station *s = &law->tool[point->tool].station[point->station];
         double z = law->z[point->first];
-        if (!(point->mu > 0.0 && z > 0.0)) {
+        if (!(point->mu > 0.0)) {
             continue;
         }
+        // a station between others may carry none; its material is displaced all the same
+        z = (z > 0.0 ? z : 0.0) + UNLOADED * sqrt(dot(tool->force, tool->force));
         weight[point->tool][point->station] += z;
         s->stuck += law->state[i] == PALPATE_POINT_STICK ? z : 0.0;
         for (int32_t a = 1; a < 3; a++) {

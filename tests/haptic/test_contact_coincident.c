@@ -107,11 +107,44 @@ static void a_capsule_turned_on_end_keeps_its_force(void **state) {
     }
 }
 
+/// Pressed deep and aslant, dragged, then at rest: a station may lose its force to its neighbours.
+static void a_stuck_capsule_at_rest_has_a_constant_force(void **state) {
+    (void)state;
+    for (int c = 0; c < 12; c++) {
+        rig r;
+        double half = 0.1 + 0.1 * (c % 4), radius = 0.004, deep = (1.1 + 0.15 * (c / 4)) * radius;
+        rig_model(&r, 15, PALPATE_PRECISION_SINGLE, 0);
+        r.tools[0].shape = PALPATE_SHAPE_CAPSULE;
+        r.tools[0].radius = radius;
+        r.tools[0].length = 0.005;
+        r.tools[0].friction = 0.85;
+        rig_engine(&r);
+        pal_tool_force out = {0}, last;
+        double worst = 0;
+        for (int k = 0; k < 500; k++) {
+            double u = k < 300 ? k / 300.0 : 1;
+            pal_tool_state in = rig_state(0.001 * u, 0.0015 * u, radius - deep * u);
+            in.orientation[0] = cos(half);
+            in.orientation[1] = sin(half);
+            last = out;
+            (void)pal_engine_tick(r.engine, &in, &out);
+            for (int i = 0; i < 3 && k >= 450; i++) {
+                worst = fmax(worst, fabs(out.force[i] - last.force[i]));
+            }
+        }
+        print_message("  %.1f rad, %.1f mm deep: %.4f N, changes by %.1e N\n", 2 * half, 1e3 * deep, out.force[2], worst);
+        assert_true(out.force[2] > 0.1);
+        assert_true(worst < 1e-6 * out.force[2]); // the layout has settled in the 150 ticks before
+        rig_free(&r);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tools_in_one_place_share_the_force),
         cmocka_unit_test(a_capsule_on_end_presses_like_its_tip),
         cmocka_unit_test(a_capsule_turned_on_end_keeps_its_force),
+        cmocka_unit_test(a_stuck_capsule_at_rest_has_a_constant_force),
     };
     return cmocka_run_group_tests_name("contact_coincident", tests, rig_surface_law, rig_nodes_law);
 }
