@@ -128,6 +128,8 @@ build-all: $(LIB_A) $(LIB_SO) $(OFFLINE) $(MESHER) $(READER) $(PROGRAM)
 
 # per-component include flags
 $(ONLINE_OBJ): EXTRA = $(call pc-cflags,$(ONLINE_PC))
+# gcc 12 makes fmaddsub of straight-line code for FMA targets although told not to contract (make golden)
+$(call obj,haptic/pose.c): EXTRA += -fno-tree-slp-vectorize
 $(OFFLINE_OBJ): EXTRA = $(call pc-cflags,$(OFFLINE_PC)) -isystem /usr/include/suitesparse
 # a model's hash covers the sources that made it: see scene_hash.c
 OFFLINE_TEXT := $(sort $(OFFLINE_SRC) $(MESHER_SRC) $(READER_SRC) $(wildcard src/*.h src/mesher/*.h src/reader/*.h))
