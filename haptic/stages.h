@@ -15,7 +15,7 @@
 /// The stages in the order of a tick. X(NAME, text)
 #define PALPATE_STAGE_LIST(X)                                                                      \
     X(DEVICE_IN, "device read")                                                                    \
-    X(INPUT, "pose to body frame, watchdog")                                                       \
+    X(INPUT, "pose to body frame and watchdog")                                                    \
     X(CONTACT, "contact geometry")                                                                 \
     X(SOLVE, "contact solve")                                                                      \
     X(OUTPUT, "output stage")                                                                      \
