@@ -4,35 +4,26 @@
 
 #include <string.h>
 
+#include "haptic/block.h"
 #include "haptic/dense.h"
 
-enum { LINE = 64, SLOTS_MAX = 512 };
-
-static size_t padded(size_t bytes) {
-    return (bytes + LINE - 1) / LINE * LINE;
-}
+enum { SLOTS_MAX = 512 };
 
 static int32_t slot_count(const pal_model *model) {
     return model->info.column_count < SLOTS_MAX ? model->info.column_count : SLOTS_MAX;
 }
 
 static size_t row_bytes(int32_t capacity) {
-    return padded(3 * (size_t)capacity * sizeof(double));
+    return pal_block_padded(3 * (size_t)capacity * sizeof(double));
 }
 
 size_t pal_active_set_bytes(const pal_model *model, int32_t capacity) {
     size_t m = (size_t)capacity, n = 3 * m, slots = (size_t)slot_count(model);
-    return padded(m * sizeof(int32_t)) + 3 * padded(n * sizeof(double)) +
-           2 * padded(n * sizeof(int32_t)) + padded(n * n * sizeof(double)) +
-           3 * slots * row_bytes(capacity) + 2 * padded(slots * sizeof(int32_t)) +
-           padded(slots * sizeof(uint64_t)) +
-           padded((size_t)model->info.column_count * sizeof(int32_t));
-}
-
-static void *take(unsigned char **at, size_t bytes) {
-    void *here = *at;
-    *at += padded(bytes);
-    return here;
+    return pal_block_padded(m * sizeof(int32_t)) + 3 * pal_block_padded(n * sizeof(double)) +
+           2 * pal_block_padded(n * sizeof(int32_t)) + pal_block_padded(n * n * sizeof(double)) +
+           3 * slots * row_bytes(capacity) + 2 * pal_block_padded(slots * sizeof(int32_t)) +
+           pal_block_padded(slots * sizeof(uint64_t)) +
+           pal_block_padded((size_t)model->info.column_count * sizeof(int32_t));
 }
 
 void pal_active_set_init(pal_active_set *set, const pal_model *model, int32_t capacity,
@@ -46,18 +37,18 @@ void pal_active_set_init(pal_active_set *set, const pal_model *model, int32_t ca
                             .capacity = capacity,
                             .slots = slot_count(model),
                             .stride = (int32_t)(row_bytes(capacity) / sizeof(double))};
-    set->matrix = take(&at, n * n * sizeof(double));
-    set->u = take(&at, n * sizeof(double));
-    set->f = take(&at, n * sizeof(double));
-    set->work = take(&at, n * sizeof(double));
-    set->row = take(&at, 3 * slots * row_bytes(capacity));
-    set->column = take(&at, m * sizeof(int32_t));
-    set->dof = take(&at, n * sizeof(int32_t));
-    set->pivot = take(&at, n * sizeof(int32_t));
-    set->owner = take(&at, slots * sizeof(int32_t));
-    set->valid = take(&at, slots * sizeof(int32_t));
-    set->used = take(&at, slots * sizeof(uint64_t));
-    set->slot = take(&at, (size_t)model->info.column_count * sizeof(int32_t));
+    set->matrix = pal_block_take(&at, n * n * sizeof(double));
+    set->u = pal_block_take(&at, n * sizeof(double));
+    set->f = pal_block_take(&at, n * sizeof(double));
+    set->work = pal_block_take(&at, n * sizeof(double));
+    set->row = pal_block_take(&at, 3 * slots * row_bytes(capacity));
+    set->column = pal_block_take(&at, m * sizeof(int32_t));
+    set->dof = pal_block_take(&at, n * sizeof(int32_t));
+    set->pivot = pal_block_take(&at, n * sizeof(int32_t));
+    set->owner = pal_block_take(&at, slots * sizeof(int32_t));
+    set->valid = pal_block_take(&at, slots * sizeof(int32_t));
+    set->used = pal_block_take(&at, slots * sizeof(uint64_t));
+    set->slot = pal_block_take(&at, (size_t)model->info.column_count * sizeof(int32_t));
     for (int32_t j = 0; j < model->info.column_count; j++) {
         set->slot[j] = -1;
     }

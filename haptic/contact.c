@@ -26,22 +26,13 @@
 
 #include <string.h>
 
+#include "haptic/block.h"
 #include "haptic/contact_nodes.h"
 #include "haptic/error.h"
 
-enum { LINE = 64 };
+
 
 // ---- Memory -------------------------------------------------------------------------------------
-
-static size_t padded(size_t bytes) {
-    return (bytes + LINE - 1) / LINE * LINE;
-}
-
-static void *take(unsigned char **at, size_t bytes) {
-    void *here = *at;
-    *at += padded(bytes);
-    return here;
-}
 
 static pal_status nodes_check(const pal_model *model, const pal_contact_def *def,
                               pal_error *error) {
@@ -70,11 +61,11 @@ static size_t grid_count(const pal_model *model) {
 
 static size_t nodes_bytes(const pal_model *model, const pal_contact_def *def) {
     size_t n = grid_count(model), m = (size_t)def->max_contacts;
-    return padded(sizeof(nodes_law)) + pal_grid_bytes(model) +
-           pal_active_set_bytes(model, def->max_contacts) + padded(m * sizeof(int32_t)) +
-           padded(m * sizeof(double)) + padded(n * sizeof(node_state)) +
-           padded(n * sizeof(choice)) + padded(m * sizeof(choice)) +
-           2 * (size_t)def->tool_count * padded(n * sizeof(int32_t));
+    return pal_block_padded(sizeof(nodes_law)) + pal_grid_bytes(model) +
+           pal_active_set_bytes(model, def->max_contacts) + pal_block_padded(m * sizeof(int32_t)) +
+           pal_block_padded(m * sizeof(double)) + pal_block_padded(n * sizeof(node_state)) +
+           pal_block_padded(n * sizeof(choice)) + pal_block_padded(m * sizeof(choice)) +
+           2 * (size_t)def->tool_count * pal_block_padded(n * sizeof(int32_t));
 }
 
 static void nodes_reset(void *self) {
@@ -96,19 +87,19 @@ static void *nodes_init(void *memory, const pal_model *model, const pal_contact_
     size_t n = grid_count(model), m = (size_t)def->max_contacts;
     unsigned char *at = memory;
     memset(memory, 0, nodes_bytes(model, def));
-    nodes_law *law = take(&at, sizeof *law);
+    nodes_law *law = pal_block_take(&at, sizeof *law);
     law->def = *def;
-    pal_grid_init(&law->grid, model, take(&at, pal_grid_bytes(model)));
+    pal_grid_init(&law->grid, model, pal_block_take(&at, pal_grid_bytes(model)));
     pal_active_set_init(&law->set, model, def->max_contacts,
-                        take(&at, pal_active_set_bytes(model, def->max_contacts)));
-    law->member = take(&at, m * sizeof(int32_t));
-    law->depth = take(&at, m * sizeof(double));
-    law->node = take(&at, n * sizeof(node_state));
-    law->fresh = take(&at, n * sizeof(choice));
-    law->kept = take(&at, m * sizeof(choice));
+                        pal_block_take(&at, pal_active_set_bytes(model, def->max_contacts)));
+    law->member = pal_block_take(&at, m * sizeof(int32_t));
+    law->depth = pal_block_take(&at, m * sizeof(double));
+    law->node = pal_block_take(&at, n * sizeof(node_state));
+    law->fresh = pal_block_take(&at, n * sizeof(choice));
+    law->kept = pal_block_take(&at, m * sizeof(choice));
     for (int32_t t = 0; t < def->tool_count; t++) {
-        law->tool[t].candidate = take(&at, n * sizeof(int32_t));
-        law->tool[t].near = take(&at, n * sizeof(int32_t));
+        law->tool[t].candidate = pal_block_take(&at, n * sizeof(int32_t));
+        law->tool[t].near = pal_block_take(&at, n * sizeof(int32_t));
     }
     nodes_reset(law);
     return law;

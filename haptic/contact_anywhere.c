@@ -30,10 +30,11 @@
 
 #include <string.h>
 
+#include "haptic/block.h"
 #include "haptic/error.h"
 #include "haptic/pose.h"
 
-enum { LINE = 64, NODES_PER_POINT = 14, NODES_SPARE = 24, WEIGHT_NODES = 6 };
+enum { NODES_PER_POINT = 14, NODES_SPARE = 24, WEIGHT_NODES = 6 };
 
 // ---- Definition ---------------------------------------------------------------------------------
 
@@ -105,18 +106,8 @@ static void lay_out(anywhere_tool *tool, const pal_tool_def *def, int32_t first,
 
 // ---- Memory -------------------------------------------------------------------------------------
 
-static size_t padded(size_t bytes) {
-    return (bytes + LINE - 1) / LINE * LINE;
-}
-
-static void *take(unsigned char **at, size_t bytes) {
-    void *here = *at;
-    *at += padded(bytes);
-    return here;
-}
-
 static size_t y_stride(const pal_model *model, const pal_contact_def *def) {
-    return padded(3 * (size_t)node_capacity(model, def) * sizeof(double)) / sizeof(double);
+    return pal_block_padded(3 * (size_t)node_capacity(model, def) * sizeof(double)) / sizeof(double);
 }
 
 static int has_friction(const pal_contact_def *def) {
@@ -130,23 +121,23 @@ static int has_friction(const pal_contact_def *def) {
 /// Of what contact_friction.c keeps.
 static size_t past_bytes(const pal_model *model, const pal_contact_def *def) {
     size_t points = (size_t)point_capacity(def), nodes = (size_t)node_capacity(model, def);
-    return has_friction(def) ? padded(points * sizeof(anywhere_trace)) +
-                                   padded(nodes * sizeof(int32_t)) +
-                                   3 * padded(3 * nodes * sizeof(double)) + padded(nodes)
+    return has_friction(def) ? pal_block_padded(points * sizeof(anywhere_trace)) +
+                                   pal_block_padded(nodes * sizeof(int32_t)) +
+                                   3 * pal_block_padded(3 * nodes * sizeof(double)) + pal_block_padded(nodes)
                              : 0;
 }
 
 static size_t anywhere_bytes(const pal_model *model, const pal_contact_def *def) {
     size_t points = (size_t)point_capacity(def), rows = 3 * points;
     size_t nodes = 3 * (size_t)node_capacity(model, def);
-    return padded(sizeof(anywhere_law)) + pal_rest_bytes(model) + pal_weights_bytes(model) +
+    return pal_block_padded(sizeof(anywhere_law)) + pal_rest_bytes(model) + pal_weights_bytes(model) +
            pal_near_bytes(model) + pal_working_set_bytes(model, node_capacity(model, def)) +
-           padded(points * sizeof(anywhere_point)) + padded(points * sizeof(anywhere_held)) +
-           padded(rows * y_stride(model, def) * sizeof(double)) +
-           padded(rows * rows * sizeof(double)) + 4 * padded(rows * sizeof(double)) +
-           padded(points * sizeof(double)) + 2 * padded(points) +
-           padded(pal_friction_bytes((int32_t)points)) +
-           2 * padded(nodes * sizeof(double)) + padded(nodes * sizeof(int32_t)) +
+           pal_block_padded(points * sizeof(anywhere_point)) + pal_block_padded(points * sizeof(anywhere_held)) +
+           pal_block_padded(rows * y_stride(model, def) * sizeof(double)) +
+           pal_block_padded(rows * rows * sizeof(double)) + 4 * pal_block_padded(rows * sizeof(double)) +
+           pal_block_padded(points * sizeof(double)) + 2 * pal_block_padded(points) +
+           pal_block_padded(pal_friction_bytes((int32_t)points)) +
+           2 * pal_block_padded(nodes * sizeof(double)) + pal_block_padded(nodes * sizeof(int32_t)) +
            past_bytes(model, def);
 }
 
@@ -189,7 +180,7 @@ static void *anywhere_init(void *memory, const pal_model *model, const pal_conta
     size_t nodes = 3 * (size_t)node_capacity(model, def);
     unsigned char *at = memory;
     memset(memory, 0, anywhere_bytes(model, def));
-    anywhere_law *law = take(&at, sizeof *law);
+    anywhere_law *law = pal_block_take(&at, sizeof *law);
     law->def = *def;
     law->model = model;
     law->capacity = (int32_t)points;
@@ -197,35 +188,35 @@ static void *anywhere_init(void *memory, const pal_model *model, const pal_conta
     double nu = model->info.poisson;
     law->modulus = fabs(nu) < 1.0 ? model->info.young / (1.0 - nu * nu) : 0.0;
     law->spacing = touchable_spacing(model);
-    pal_rest_init(&law->surface, model, take(&at, pal_rest_bytes(model)));
+    pal_rest_init(&law->surface, model, pal_block_take(&at, pal_rest_bytes(model)));
     pal_weights_init(&law->weights, model, &law->surface, WEIGHT_NODES, PALPATE_WEIGHTS_POWER,
-                     take(&at, pal_weights_bytes(model)));
-    pal_near_init(&law->near, model, &law->surface, 2, take(&at, pal_near_bytes(model)));
+                     pal_block_take(&at, pal_weights_bytes(model)));
+    pal_near_init(&law->near, model, &law->surface, 2, pal_block_take(&at, pal_near_bytes(model)));
     pal_working_set_init(&law->set, &law->near, node_capacity(model, def),
-                         take(&at, pal_working_set_bytes(model, node_capacity(model, def))));
-    law->point = take(&at, points * sizeof *law->point);
-    law->held = take(&at, points * sizeof *law->held);
-    law->y = take(&at, rows * y_stride(model, def) * sizeof(double));
-    law->m = take(&at, rows * rows * sizeof(double));
-    law->q = take(&at, rows * sizeof(double));
-    law->z = take(&at, rows * sizeof(double));
-    law->w = take(&at, rows * sizeof(double));
-    law->force_before = take(&at, rows * sizeof(double));
-    law->mu = take(&at, points * sizeof(double));
-    law->state = take(&at, points);
-    law->before = take(&at, points);
-    law->work = take(&at, pal_friction_bytes((int32_t)points));
-    law->nodal = take(&at, nodes * sizeof(double));
-    law->force = take(&at, nodes * sizeof(double));
-    law->dof = take(&at, nodes * sizeof(int32_t));
+                         pal_block_take(&at, pal_working_set_bytes(model, node_capacity(model, def))));
+    law->point = pal_block_take(&at, points * sizeof *law->point);
+    law->held = pal_block_take(&at, points * sizeof *law->held);
+    law->y = pal_block_take(&at, rows * y_stride(model, def) * sizeof(double));
+    law->m = pal_block_take(&at, rows * rows * sizeof(double));
+    law->q = pal_block_take(&at, rows * sizeof(double));
+    law->z = pal_block_take(&at, rows * sizeof(double));
+    law->w = pal_block_take(&at, rows * sizeof(double));
+    law->force_before = pal_block_take(&at, rows * sizeof(double));
+    law->mu = pal_block_take(&at, points * sizeof(double));
+    law->state = pal_block_take(&at, points);
+    law->before = pal_block_take(&at, points);
+    law->work = pal_block_take(&at, pal_friction_bytes((int32_t)points));
+    law->nodal = pal_block_take(&at, nodes * sizeof(double));
+    law->force = pal_block_take(&at, nodes * sizeof(double));
+    law->dof = pal_block_take(&at, nodes * sizeof(int32_t));
     law->frictional = has_friction(def);
     if (law->frictional) {
-        law->trace = take(&at, points * sizeof *law->trace);
-        law->past_column = take(&at, nodes / 3 * sizeof(int32_t));
-        law->past_force = take(&at, nodes * sizeof(double));
-        law->past_u = take(&at, nodes * sizeof(double));
-        law->recalled_u = take(&at, nodes * sizeof(double));
-        law->recalled = take(&at, nodes / 3);
+        law->trace = pal_block_take(&at, points * sizeof *law->trace);
+        law->past_column = pal_block_take(&at, nodes / 3 * sizeof(int32_t));
+        law->past_force = pal_block_take(&at, nodes * sizeof(double));
+        law->past_u = pal_block_take(&at, nodes * sizeof(double));
+        law->recalled_u = pal_block_take(&at, nodes * sizeof(double));
+        law->recalled = pal_block_take(&at, nodes / 3);
     }
     anywhere_reset(law);
     return law;

@@ -13,9 +13,10 @@
 #include <math.h>
 #include <string.h>
 
+#include "haptic/block.h"
 #include "haptic/contact_surface.h"
 
-enum { LINE = 64, LEAF = 3 };
+enum { LEAF = 3 };
 static const double SHARP = 0.766044443118978; // cos 40 degrees
 
 typedef struct build {
@@ -26,34 +27,22 @@ typedef struct build {
     uint8_t *flag;  ///< column of the node is touchable; later: node is in the queue; [node_count]
 } build;
 
-static size_t padded(size_t bytes) {
-    return (bytes + LINE - 1) / LINE * LINE;
-}
-
 static size_t place(const pal_model *model, pal_rest_surface *s, build *b, unsigned char *memory) {
     size_t t = (size_t)model->info.triangle_count, n = (size_t)model->info.surface_count, at = 0;
-#define TAKE(field, bytes)                                                                         \
-    do {                                                                                           \
-        if (memory != NULL) {                                                                      \
-            (field) = (void *)(memory + at);                                                       \
-        }                                                                                          \
-        at += padded(bytes);                                                                       \
-    } while (0)
-    TAKE(s->corner_normal, 9 * t * sizeof(double));
-    TAKE(s->bend, 9 * t * sizeof(double));
-    TAKE(s->node_normal, 3 * n * sizeof(double));
-    TAKE(s->inside, n * sizeof(double));
-    TAKE(s->box, (2 * t + 1) * sizeof(pal_rest_box));
-    TAKE(s->across, 3 * t * sizeof(int32_t));
-    TAKE(s->order, t * sizeof(int32_t));
-    TAKE(s->touchable, t);
-    TAKE(s->sharp, t);
-    TAKE(s->fan_start, (n + 1) * sizeof(int32_t));
-    TAKE(s->fan, 3 * t * sizeof(int32_t));
-    TAKE(b->queue, n * sizeof(int32_t));
-    TAKE(b->edge, n * sizeof(int32_t));
-    TAKE(b->flag, n);
-#undef TAKE
+    PALPATE_BLOCK_PLACE(memory, at, s->corner_normal, 9 * t * sizeof(double));
+    PALPATE_BLOCK_PLACE(memory, at, s->bend, 9 * t * sizeof(double));
+    PALPATE_BLOCK_PLACE(memory, at, s->node_normal, 3 * n * sizeof(double));
+    PALPATE_BLOCK_PLACE(memory, at, s->inside, n * sizeof(double));
+    PALPATE_BLOCK_PLACE(memory, at, s->box, (2 * t + 1) * sizeof(pal_rest_box));
+    PALPATE_BLOCK_PLACE(memory, at, s->across, 3 * t * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, s->order, t * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, s->touchable, t);
+    PALPATE_BLOCK_PLACE(memory, at, s->sharp, t);
+    PALPATE_BLOCK_PLACE(memory, at, s->fan_start, (n + 1) * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, s->fan, 3 * t * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, b->queue, n * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, b->edge, n * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, b->flag, n);
     return at;
 }
 

@@ -17,13 +17,10 @@
 #include <string.h>
 
 #include "haptic/contact_weights.h"
+#include "haptic/block.h"
 
-enum { LINE = 64, FLOOD = 384, SAMPLES = 7 };
+enum { FLOOD = 384, SAMPLES = 7 };
 static const double THIN = 0.004;
-
-static size_t padded(size_t bytes) {
-    return (bytes + LINE - 1) / LINE * LINE;
-}
 
 static double dot(const double a[3], const double b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -62,19 +59,11 @@ static size_t place(const pal_model *model, pal_weights_table *table, int32_t **
     for (int32_t t = 0; t < model->info.triangle_count; t++) {
         lists += (size_t)has_column(model, t);
     }
-#define TAKE(field, bytes)                                                                         \
-    do {                                                                                           \
-        if (memory != NULL) {                                                                      \
-            (field) = (void *)(memory + at);                                                       \
-        }                                                                                          \
-        at += padded(bytes);                                                                       \
-    } while (0)
-    TAKE(table->list, triangles * sizeof(int32_t));
-    TAKE(table->near, lists * sizeof(int32_t));
-    TAKE(table->count, lists * sizeof(int32_t));
-    TAKE(table->candidate, lists * PALPATE_WEIGHTS_CANDIDATES * sizeof(int32_t));
-    TAKE(*mark, (size_t)model->info.surface_count * sizeof(int32_t));
-#undef TAKE
+    PALPATE_BLOCK_PLACE(memory, at, table->list, triangles * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, table->near, lists * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, table->count, lists * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, table->candidate, lists * PALPATE_WEIGHTS_CANDIDATES * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, *mark, (size_t)model->info.surface_count * sizeof(int32_t));
     return at;
 }
 

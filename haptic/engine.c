@@ -17,6 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "haptic/block.h"
 #include "haptic/error.h"
 #include "haptic/field_model.h"
 
@@ -159,44 +160,34 @@ static pal_status check(const pal_model *model, const pal_engine_def *def, pal_e
 
 // ---- Memory -------------------------------------------------------------------------------------
 
-static size_t padded(size_t bytes) {
-    return (bytes + LINE - 1) / LINE * LINE;
-}
-
 static size_t force32_bytes(const pal_model *model) {
-    return padded(3 * (size_t)model->info.column_count * sizeof(float));
+    return pal_block_padded(3 * (size_t)model->info.column_count * sizeof(float));
 }
 
 /// Nodal forces of one slot where the readers compute the field: dof, f, f32.
 static size_t slot_bytes(const pal_model *model) {
     size_t dofs = 3 * (size_t)model->info.column_count;
-    return padded(dofs * sizeof(int32_t)) + padded(dofs * sizeof(double)) + force32_bytes(model);
+    return pal_block_padded(dofs * sizeof(int32_t)) + pal_block_padded(dofs * sizeof(double)) + force32_bytes(model);
 }
 
 /// Buffers of one reader.
 static size_t reader_bytes(const pal_model *model, const pal_engine_def *def) {
     return def->field_by == PALPATE_FIELD_BY_READER
-               ? 3 * slot_bytes(model) + padded((size_t)pal_field_floats(model) * sizeof(float)) +
+               ? 3 * slot_bytes(model) + pal_block_padded((size_t)pal_field_floats(model) * sizeof(float)) +
                      pal_field_scratch_bytes(model)
                : pal_snapshot_bytes(pal_field_floats(model));
 }
 
 static size_t block_bytes(const pal_model *model, const pal_engine_def *def) {
     pal_contact_def contact = contact_def(def);
-    return padded(sizeof(pal_engine)) + pal_contact_law_for(def)->bytes(model, &contact) +
+    return pal_block_padded(sizeof(pal_engine)) + pal_contact_law_for(def)->bytes(model, &contact) +
            force32_bytes(model) + pal_field_scratch_bytes(model) +
            (size_t)def->reader_count *
-               (padded(sizeof(pal_reader)) + reader_bytes(model, def));
+               (pal_block_padded(sizeof(pal_reader)) + reader_bytes(model, def));
 }
 
 size_t pal_engine_bytes(const pal_model *model, const pal_engine_def *def) {
     return check(model, def, NULL) == PALPATE_OK ? block_bytes(model, def) : 0;
-}
-
-static void *take(unsigned char **at, size_t bytes) {
-    void *here = *at;
-    *at += padded(bytes);
-    return here;
 }
 
 /// Place a reader's buffers at *at; also faults their pages in.
@@ -204,7 +195,7 @@ static void init_reader(const pal_engine *engine, pal_reader *reader, unsigned c
     const pal_model *model = engine->model;
     size_t bytes = reader_bytes(model, &engine->def);
     if (engine->def.field_by != PALPATE_FIELD_BY_READER) {
-        pal_snapshot_init(reader, take(at, bytes), engine->rows);
+        pal_snapshot_init(reader, pal_block_take(at, bytes), engine->rows);
         return;
     }
     size_t dofs = 3 * (size_t)model->info.column_count;
@@ -212,13 +203,13 @@ static void init_reader(const pal_engine *engine, pal_reader *reader, unsigned c
     pal_snapshot_init(reader, *at, 0);
     for (int i = 0; i < 3; i++) {
         reader->slot[i].displacement = NULL;
-        reader->slot[i].dof = take(at, dofs * sizeof(int32_t));
-        reader->slot[i].f = take(at, dofs * sizeof(double));
-        reader->slot[i].f32 = take(at, dofs * sizeof(float));
+        reader->slot[i].dof = pal_block_take(at, dofs * sizeof(int32_t));
+        reader->slot[i].f = pal_block_take(at, dofs * sizeof(double));
+        reader->slot[i].f32 = pal_block_take(at, dofs * sizeof(float));
     }
     reader->engine = engine;
-    reader->field = take(at, (size_t)engine->rows * sizeof(float));
-    reader->scratch = take(at, pal_field_scratch_bytes(model));
+    reader->field = pal_block_take(at, (size_t)engine->rows * sizeof(float));
+    reader->scratch = pal_block_take(at, pal_field_scratch_bytes(model));
 }
 
 pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def, pal_engine **out,
@@ -241,7 +232,7 @@ pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def, 
                         bytes, (int)def->max_contacts, (int)def->reader_count);
     }
     unsigned char *at = block;
-    pal_engine *engine = take(&at, sizeof *engine);
+    pal_engine *engine = pal_block_take(&at, sizeof *engine);
     memset(engine, 0, sizeof *engine);
     engine->model = model;
     engine->bytes = bytes;
@@ -253,14 +244,14 @@ pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def, 
     engine->law = pal_contact_law_for(&engine->def);
     pal_contact_def contact = contact_def(&engine->def);
     engine->contact =
-        engine->law->init(take(&at, engine->law->bytes(model, &contact)), model, &contact);
-    engine->force32 = take(&at, force32_bytes(model));
+        engine->law->init(pal_block_take(&at, engine->law->bytes(model, &contact)), model, &contact);
+    engine->force32 = pal_block_take(&at, force32_bytes(model));
     memset(engine->force32, 0, force32_bytes(model));
-    engine->scratch = take(&at, pal_field_scratch_bytes(model));
+    engine->scratch = pal_block_take(&at, pal_field_scratch_bytes(model));
     memset(engine->scratch, 0, pal_field_scratch_bytes(model)); // faults the pages in
     engine->rows = pal_field_floats(model);
     engine->reader = (pal_reader *)(void *)at;
-    at += (size_t)def->reader_count * padded(sizeof(pal_reader));
+    at += (size_t)def->reader_count * pal_block_padded(sizeof(pal_reader));
     for (int32_t r = 0; r < def->reader_count; r++) {
         init_reader(engine, &engine->reader[r], &at);
     }

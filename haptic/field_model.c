@@ -4,14 +4,11 @@
 /// pairs of the touched groups on top; then every node's three numbers to their place. Each of the three
 /// is the kernel of field.h, so the variants agree bit for bit.
 #include "haptic/field_model.h"
+#include "haptic/block.h"
 
 #include <string.h>
 
-enum { LINE = 64, FLOATS = LINE / (int)sizeof(float) };
-
-static size_t padded(size_t bytes) {
-    return (bytes + LINE - 1) / LINE * LINE;
-}
+enum { LINE = PALPATE_BLOCK_LINE, FLOATS = LINE / (int)sizeof(float) };
 
 /// Rows of the swept block, up to a whole line of the column.
 static int64_t swept_rows(const pal_model *model) {
@@ -40,12 +37,12 @@ typedef struct scratch {
 static size_t lay_out(const pal_model *model, unsigned char *at, scratch *s) {
     const pal_row_bases *b = model->bases;
     size_t dofs = 3 * (size_t)model->info.column_count;
-    const size_t bytes[] = {padded((size_t)swept_rows(model) * sizeof(float)),
-                            padded((size_t)b->tile_start[b->cluster_count] * sizeof(float)),
-                            padded(dofs * sizeof(float)),
-                            padded(dofs * sizeof(int32_t)),
-                            padded(dofs * sizeof(int32_t)),
-                            padded((size_t)b->group_count * sizeof(int32_t))};
+    const size_t bytes[] = {pal_block_padded((size_t)swept_rows(model) * sizeof(float)),
+                            pal_block_padded((size_t)b->tile_start[b->cluster_count] * sizeof(float)),
+                            pal_block_padded(dofs * sizeof(float)),
+                            pal_block_padded(dofs * sizeof(int32_t)),
+                            pal_block_padded(dofs * sizeof(int32_t)),
+                            pal_block_padded((size_t)b->group_count * sizeof(int32_t))};
     size_t total = 0, start[6];
     for (int i = 0; i < 6; i++) {
         start[i] = total;

@@ -1,10 +1,11 @@
 /// @file grid.c  Uniform grid over the rest positions of touchable nodes (counting sort by cell).
 #include "haptic/grid.h"
+#include "haptic/block.h"
 
 #include <math.h>
 #include <string.h>
 
-enum { CELLS_MAX = 32768, LINE = 64 };
+enum { CELLS_MAX = 32768 };
 
 static int touchable(const pal_model *model, int32_t column) {
     return (model->node_flags[model->column_node[column]] & PALPATE_NODE_TOUCHABLE) != 0;
@@ -58,10 +59,6 @@ static void layout(const pal_model *model, pal_grid *grid) {
     }
 }
 
-static size_t padded(size_t bytes) {
-    return (bytes + LINE - 1) / LINE * LINE;
-}
-
 static size_t cell_count(const pal_grid *grid) {
     return (size_t)grid->size[0] * (size_t)grid->size[1] * (size_t)grid->size[2];
 }
@@ -70,8 +67,9 @@ size_t pal_grid_bytes(const pal_model *model) {
     pal_grid grid;
     layout(model, &grid);
     size_t n = (size_t)touchable_count(model);
-    return 2 * padded(n * sizeof(int32_t)) + 2 * padded(3 * n * sizeof(double)) +
-           padded(n * sizeof(double)) + padded((cell_count(&grid) + 1) * sizeof(int32_t));
+    return 2 * pal_block_padded(n * sizeof(int32_t)) + 2 * pal_block_padded(3 * n * sizeof(double)) +
+           pal_block_padded(n * sizeof(double)) +
+           pal_block_padded((cell_count(&grid) + 1) * sizeof(int32_t));
 }
 
 static int32_t cell_along(const pal_grid *grid, double x, int i) {
@@ -135,15 +133,15 @@ void pal_grid_init(pal_grid *grid, const pal_model *model, void *memory) {
     size_t n = (size_t)grid->count;
     unsigned char *at = memory;
     grid->position = (double *)(void *)at;
-    at += padded(3 * n * sizeof(double));
+    at += pal_block_padded(3 * n * sizeof(double));
     grid->normal = (double *)(void *)at;
-    at += padded(3 * n * sizeof(double));
+    at += pal_block_padded(3 * n * sizeof(double));
     grid->reach = (double *)(void *)at;
-    at += padded(n * sizeof(double));
+    at += pal_block_padded(n * sizeof(double));
     grid->column = (int32_t *)(void *)at;
-    at += padded(n * sizeof(int32_t));
+    at += pal_block_padded(n * sizeof(int32_t));
     grid->node = (int32_t *)(void *)at;
-    at += padded(n * sizeof(int32_t));
+    at += pal_block_padded(n * sizeof(int32_t));
     grid->start = (int32_t *)(void *)at;
 
     int32_t a = 0;

@@ -1,36 +1,25 @@
 /// @file near_field.c  Column nodes within one or two edges, and their regular compliance, taken from
 /// the next ones.
 #include "haptic/near_field.h"
+#include "haptic/block.h"
 
 #include <math.h>
 #include <string.h>
 
-enum { LINE = 64, RING = 128, ROOM = 48 };
-
-static size_t padded(size_t bytes) {
-    return (bytes + LINE - 1) / LINE * LINE;
-}
+enum { RING = 128, ROOM = 48 };
 
 static size_t place(const pal_model *model, pal_near_field *near, int32_t **column,
                     unsigned char *memory) {
     size_t n = (size_t)model->info.column_count, at = 0;
-#define TAKE(field, bytes)                                                                         \
-    do {                                                                                           \
-        if (memory != NULL) {                                                                      \
-            (field) = (void *)(memory + at);                                                       \
-        }                                                                                          \
-        at += padded(bytes);                                                                       \
-    } while (0)
-    TAKE(near->regular, 9 * n * sizeof(double));
-    TAKE(near->spacing, n * sizeof(double));
-    TAKE(near->edge_start, (n + 1) * sizeof(int32_t));
-    TAKE(near->start, (n + 1) * sizeof(int32_t));
-    TAKE(near->neighbour, ROOM * n * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, near->regular, 9 * n * sizeof(double));
+    PALPATE_BLOCK_PLACE(memory, at, near->spacing, n * sizeof(double));
+    PALPATE_BLOCK_PLACE(memory, at, near->edge_start, (n + 1) * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, near->start, (n + 1) * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, near->neighbour, ROOM * n * sizeof(int32_t));
     // every triangle gives each of its corners two neighbours, each counted twice on closed
     // surfaces
-    TAKE(near->edge, 6 * (size_t)model->info.triangle_count * sizeof(int32_t));
-    TAKE(*column, (size_t)model->info.surface_count * sizeof(int32_t));
-#undef TAKE
+    PALPATE_BLOCK_PLACE(memory, at, near->edge, 6 * (size_t)model->info.triangle_count * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, *column, (size_t)model->info.surface_count * sizeof(int32_t));
     return at;
 }
 

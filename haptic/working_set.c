@@ -4,30 +4,21 @@
 /// contiguous. A few nodes that were not used in the last tick stay, oldest first out: a tool that
 /// trembles over the edge of a stencil reads nothing twice.
 #include "haptic/working_set.h"
+#include "haptic/block.h"
 
 #include <string.h>
 
-enum { LINE = 64, STALE = 12 };
-
-static size_t padded(size_t bytes) {
-    return (bytes + LINE - 1) / LINE * LINE;
-}
+enum { STALE = 12 };
 
 static size_t stride_of(int32_t capacity) {
-    return padded(3 * (size_t)capacity * sizeof(double)) / sizeof(double);
+    return pal_block_padded(3 * (size_t)capacity * sizeof(double)) / sizeof(double);
 }
 
 size_t pal_working_set_bytes(const pal_model *model, int32_t capacity) {
     size_t n = (size_t)capacity;
-    return padded((size_t)model->info.column_count * sizeof(int32_t)) +
-           padded(n * sizeof(int32_t)) + padded(n * sizeof(uint64_t)) +
+    return pal_block_padded((size_t)model->info.column_count * sizeof(int32_t)) +
+           pal_block_padded(n * sizeof(int32_t)) + pal_block_padded(n * sizeof(uint64_t)) +
            3 * n * stride_of(capacity) * sizeof(double);
-}
-
-static void *take(unsigned char **at, size_t bytes) {
-    void *here = *at;
-    *at += padded(bytes);
-    return here;
 }
 
 void pal_working_set_init(pal_working_set *set, const pal_near_field *near, int32_t capacity,
@@ -41,10 +32,10 @@ void pal_working_set_init(pal_working_set *set, const pal_near_field *near, int3
                              .symmetric = model->info.certificate.symmetrized != 0,
                              .capacity = capacity,
                              .stride = (int32_t)stride_of(capacity)};
-    set->slot = take(&at, (size_t)model->info.column_count * sizeof(int32_t));
-    set->column = take(&at, n * sizeof(int32_t));
-    set->used = take(&at, n * sizeof(uint64_t));
-    set->block = take(&at, 3 * n * stride_of(capacity) * sizeof(double));
+    set->slot = pal_block_take(&at, (size_t)model->info.column_count * sizeof(int32_t));
+    set->column = pal_block_take(&at, n * sizeof(int32_t));
+    set->used = pal_block_take(&at, n * sizeof(uint64_t));
+    set->block = pal_block_take(&at, 3 * n * stride_of(capacity) * sizeof(double));
     for (int32_t j = 0; j < model->info.column_count; j++) {
         set->slot[j] = -1;
     }

@@ -5,7 +5,6 @@
 /// Single-threaded and seeded: the same request gives the same reply, bit for bit.
 #include <gmshc.h>
 
-#include <errno.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -15,6 +14,7 @@
 #include <unistd.h>
 
 #include "src/mesher/protocol.h"
+#include "src/pipe.h"
 
 typedef struct request {
     pal_mesher_request head;
@@ -22,38 +22,6 @@ typedef struct request {
     int32_t *triangle;
     pal_mesher_source *source;
 } request;
-
-static int read_all(int fd, void *data, size_t size) {
-    char *p = data;
-    while (size > 0) {
-        ssize_t n = read(fd, p, size);
-        if (n < 0 && errno == EINTR) {
-            continue;
-        }
-        if (n <= 0) {
-            return 0;
-        }
-        p += n;
-        size -= (size_t)n;
-    }
-    return 1;
-}
-
-static int write_all(int fd, const void *data, size_t size) {
-    const char *p = data;
-    while (size > 0) {
-        ssize_t n = write(fd, p, size);
-        if (n < 0 && errno == EINTR) {
-            continue;
-        }
-        if (n <= 0) {
-            return 0;
-        }
-        p += n;
-        size -= (size_t)n;
-    }
-    return 1;
-}
 
 static void progress(double fraction) {
     (void)fprintf(stderr, "progress %.3f\n", fraction);
@@ -83,7 +51,7 @@ static double spacing_at(int dim, int tag, double x, double y, double z, void *d
 }
 
 static int read_request(request *r, char *message, size_t size) {
-    if (!read_all(STDIN_FILENO, &r->head, sizeof r->head)) {
+    if (!pal_pipe_read(STDIN_FILENO, &r->head, sizeof r->head)) {
         (void)snprintf(message, size, "the request ended early");
         return 0;
     }
@@ -108,9 +76,9 @@ static int read_request(request *r, char *message, size_t size) {
         (void)snprintf(message, size, "out of memory for %zu triangles", m);
         return 0;
     }
-    if (!read_all(STDIN_FILENO, r->position, 3 * n * sizeof *r->position) ||
-        !read_all(STDIN_FILENO, r->triangle, 3 * m * sizeof *r->triangle) ||
-        !read_all(STDIN_FILENO, r->source, k * sizeof *r->source)) {
+    if (!pal_pipe_read(STDIN_FILENO, r->position, 3 * n * sizeof *r->position) ||
+        !pal_pipe_read(STDIN_FILENO, r->triangle, 3 * m * sizeof *r->triangle) ||
+        !pal_pipe_read(STDIN_FILENO, r->source, k * sizeof *r->source)) {
         (void)snprintf(message, size, "the request ended early");
         return 0;
     }
@@ -318,10 +286,10 @@ int main(void) {
     if (read_request(&r, reply.message, sizeof reply.message) && fill(&r, &reply, &inside, &tet)) {
         reply.status = 0;
     }
-    int sent = write_all(out, &reply, sizeof reply);
+    int sent = pal_pipe_write(out, &reply, sizeof reply);
     if (sent && reply.status == 0) {
-        sent = write_all(out, inside, 3 * (size_t)reply.inside_count * sizeof *inside) &&
-               write_all(out, tet, 4 * (size_t)reply.tet_count * sizeof *tet);
+        sent = pal_pipe_write(out, inside, 3 * (size_t)reply.inside_count * sizeof *inside) &&
+               pal_pipe_write(out, tet, 4 * (size_t)reply.tet_count * sizeof *tet);
     }
     progress(1.0);
     _exit(sent ? 0 : 1); // Gmsh's own clean-up takes longer than it is worth

@@ -19,6 +19,7 @@
 #include <unistd.h>
 
 #include "src/helper.h"
+#include "src/pipe.h"
 #include "src/reader/protocol.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
@@ -37,38 +38,6 @@ typedef struct answer {
     double *x;
     int32_t *v;
 } answer;
-
-static int read_all(int fd, void *data, size_t size) {
-    char *p = data;
-    while (size > 0) {
-        ssize_t n = read(fd, p, size);
-        if (n < 0 && errno == EINTR) {
-            continue;
-        }
-        if (n <= 0) {
-            return 0;
-        }
-        p += n;
-        size -= (size_t)n;
-    }
-    return 1;
-}
-
-static int write_all(int fd, const void *data, size_t size) {
-    const char *p = data;
-    while (size > 0) {
-        ssize_t n = write(fd, p, size);
-        if (n < 0 && errno == EINTR) {
-            continue;
-        }
-        if (n <= 0) {
-            return 0;
-        }
-        p += n;
-        size -= (size_t)n;
-    }
-    return 1;
-}
 
 static int limit(int what, rlim_t most) {
     const struct rlimit both = {most, most};
@@ -167,7 +136,7 @@ static int import(const pal_reader_request *r, answer *a) {
         return REFUSE(a, PALPATE_READER_NO_MEMORY, "no memory for its %lld bytes",
                       (long long)r->file_bytes);
     }
-    if (!read_all(PALPATE_HELPER_FILE, text, (size_t)r->file_bytes)) {
+    if (!pal_pipe_read(PALPATE_HELPER_FILE, text, (size_t)r->file_bytes)) {
         free(text);
         return REFUSE(a, PALPATE_READER_NO_SURFACE, "it changed while it was read");
     }
@@ -209,14 +178,14 @@ int main(void) {
     answer a = {.reply = {.magic = PALPATE_READER_MAGIC,
                           .version = PALPATE_READER_VERSION,
                           .size = sizeof a.reply}};
-    if (!read_all(STDIN_FILENO, &request, sizeof request)) {
+    if (!pal_pipe_read(STDIN_FILENO, &request, sizeof request)) {
         return 2;
     }
     int done = check_request(&request, &a) && import(&request, &a);
-    int sent = write_all(out, &a.reply, sizeof a.reply);
+    int sent = pal_pipe_write(out, &a.reply, sizeof a.reply);
     if (sent && done) {
-        sent = write_all(out, a.x, 3 * (size_t)a.reply.vertex_count * sizeof *a.x) &&
-               write_all(out, a.v, 3 * (size_t)a.reply.triangle_count * sizeof *a.v);
+        sent = pal_pipe_write(out, a.x, 3 * (size_t)a.reply.vertex_count * sizeof *a.x) &&
+               pal_pipe_write(out, a.v, 3 * (size_t)a.reply.triangle_count * sizeof *a.v);
     }
     free(a.x);
     free(a.v);
