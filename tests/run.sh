@@ -12,6 +12,8 @@ PALPATE=$PALPATE_BUILD/palpate; export PALPATE VARIANT CC
 ASAN_OPTIONS=${ASAN_OPTIONS:-detect_leaks=1:allocator_may_return_null=1}; export ASAN_OPTIONS
 LSAN_OPTIONS=${LSAN_OPTIONS:-suppressions=$(pwd)/tests/leaks.txt:print_suppressions=0}; export LSAN_OPTIONS
 TSAN_OPTIONS=${TSAN_OPTIONS:-halt_on_error=1}; export TSAN_OPTIONS
+# ASan's dlopen stands between the program and the loader, which then forgets the program's own RUNPATH
+case $VARIANT in asan | ubsan | tsan) LD_LIBRARY_PATH=$PALPATE_BUILD; export LD_LIBRARY_PATH ;; esac
 CMOCKA_MESSAGE_OUTPUT=TAP; export CMOCKA_MESSAGE_OUTPUT
 OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}; export OPENBLAS_NUM_THREADS
 
