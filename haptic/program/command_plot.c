@@ -64,19 +64,8 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
     case KEY_TO:
         o->to = number(arg, "--to", state);
         return 0;
-    case ARGP_KEY_ARG:
-        if (o->path != NULL) {
-            argp_error(state, "one FILE at a time");
-        }
-        o->path = arg;
-        return 0;
-    case ARGP_KEY_END:
-        if (o->path == NULL) {
-            argp_error(state, "which FILE? The one that was given to `palpate run --record`");
-        }
-        return 0;
     default:
-        return ARGP_ERR_UNKNOWN;
+        return parse_recording(key, arg, state, &o->path);
     }
 }
 
@@ -91,7 +80,7 @@ static const char doc[] =
     "a PNG picture. A column of pixels shows the whole range of its ticks, so no spike is lost; columns with a "
     "fault are shaded red.\v"
     "Lateness below 0.1 us (all of it in freewheel) is drawn at 0.1 us.\n\n"
-    "Example:\n  palpate run scenes/block.yaml --for 5 --record press.h5\n"
+    "Example:\n  palpate run scenes/hemisphere.yaml --for 5 --record press.h5\n"
     "  palpate plot press.h5 -o press.png";
 
 static void widen(band *b, int column, double value) {

@@ -16,19 +16,8 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
     case ARGP_KEY_INIT:
         state->child_inputs[0] = &o->common;
         return 0;
-    case ARGP_KEY_ARG:
-        if (o->path != NULL) {
-            argp_error(state, "one FILE at a time");
-        }
-        o->path = arg;
-        return 0;
-    case ARGP_KEY_END:
-        if (o->path == NULL) {
-            argp_error(state, "which FILE? The one that was given to `palpate run --record`");
-        }
-        return 0;
     default:
-        return ARGP_ERR_UNKNOWN;
+        return parse_recording(key, arg, state, &o->path);
     }
 }
 

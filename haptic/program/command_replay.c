@@ -28,19 +28,8 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         o->model = arg;
         o->against = key == KEY_AGAINST;
         return 0;
-    case ARGP_KEY_ARG:
-        if (o->path != NULL) {
-            argp_error(state, "one FILE at a time");
-        }
-        o->path = arg;
-        return 0;
-    case ARGP_KEY_END:
-        if (o->path == NULL) {
-            argp_error(state, "which FILE? The one that was given to `palpate run --record`");
-        }
-        return 0;
     default:
-        return ARGP_ERR_UNKNOWN;
+        return parse_recording(key, arg, state, &o->path);
     }
 }
 
@@ -53,9 +42,10 @@ static const char doc[] =
     "all that it gives with what was recorded, bit for bit.\v"
     "Exit status 0: no difference (or --against); 1: a difference, of which the first is shown. The same build "
     "on the same model gives none, also of a run that missed periods.\n\n"
-    "Example:\n  palpate run scenes/block.yaml --for 5 --record press.h5\n"
+    "Example:\n  palpate run scenes/hemisphere.yaml --for 5 --record press.h5\n"
     "  palpate replay press.h5\n"
-    "  palpate replay press.h5 --against scenes/hemisphere.yaml";
+    "  palpate precompute scenes/hemisphere.yaml --set body.material.young=5e3 -o soft.palpate\n"
+    "  palpate replay press.h5 --against soft.palpate";
 
 static json_t *json_force(const pal_tool_force *f) {
     return json_pack("{s:o,s:o,s:i,s:I,s:f}", "force", json_vector3(f->force), "torque",

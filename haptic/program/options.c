@@ -55,3 +55,21 @@ int parse_size(const char *text, int *width, int *height) {
     return sscanf(text, "%dx%d%c", width, height, &extra) == 2 && *width >= 64 && *width <= 4096 &&
            *height >= 64 && *height <= 4096;
 }
+
+error_t parse_recording(int key, char *arg, struct argp_state *state, const char **path) {
+    switch (key) {
+    case ARGP_KEY_ARG:
+        if (*path != NULL) {
+            argp_error(state, "one FILE at a time");
+        }
+        *path = arg;
+        return 0;
+    case ARGP_KEY_END:
+        if (*path == NULL) {
+            argp_error(state, "which FILE? The one that was given to `palpate run --record`");
+        }
+        return 0;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+}

@@ -46,6 +46,9 @@ int parse_vector(const char *text, double v[3]);
 /// Parse "WIDTHxHEIGHT". @return 0 when it is not two numbers of 64 to 4096
 int parse_size(const char *text, int *width, int *height);
 
+/// The one argument of commands on a recording; for the default of their parsers. @return as argp's parsers
+error_t parse_recording(int key, char *arg, struct argp_state *state, const char **path);
+
 /// ---- Scene or model (source.c) -----------------------------------------------------------------
 /// What a command works on: a model, and the scene it came from when one was given.
 typedef struct source {
