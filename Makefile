@@ -69,8 +69,8 @@ MESHER_LIBS  = -lgmsh -lm
 READER_LIBS  = $(call pc-libs,assimp) -lm
 
 # ---- Sources: a folder is a component --------------------------------------------------------
-ONLINE_SRC  := $(wildcard haptic/*.c)
-OFFLINE_SRC := $(wildcard src/*.c)
+ONLINE_SRC  := $(filter-out haptic/program/% haptic/view/%,$(wildcard haptic/*/*.c))
+OFFLINE_SRC := $(filter-out src/mesher/% src/reader/%,$(wildcard src/*.c src/*/*.c))
 MESHER_SRC  := $(wildcard src/mesher/*.c)
 READER_SRC  := $(wildcard src/reader/*.c)
 VIEW_SRC    := $(wildcard haptic/view/*.c)
@@ -129,12 +129,12 @@ build-all: $(LIB_A) $(LIB_SO) $(OFFLINE) $(MESHER) $(READER) $(PROGRAM)
 # per-component include flags
 $(ONLINE_OBJ): EXTRA = $(call pc-cflags,$(ONLINE_PC))
 # gcc 12 makes fmaddsub of straight-line code for FMA targets although told not to contract (make golden)
-$(call obj,haptic/pose.c): EXTRA += -fno-tree-slp-vectorize
+$(call obj,haptic/base/pose.c): EXTRA += -fno-tree-slp-vectorize
 $(OFFLINE_OBJ): EXTRA = $(call pc-cflags,$(OFFLINE_PC)) -isystem /usr/include/suitesparse
 # a model's hash covers the sources that made it: see scene_hash.c
-OFFLINE_TEXT := $(sort $(OFFLINE_SRC) $(MESHER_SRC) $(READER_SRC) $(wildcard src/*.h src/mesher/*.h src/reader/*.h))
-$(call obj,src/scene_hash.c): EXTRA += -DPALPATE_SOURCES_DIGEST='"$(shell cat $(OFFLINE_TEXT) | sha256sum | cut -c1-32)"'
-$(call obj,src/scene_hash.c): $(OFFLINE_TEXT)
+OFFLINE_TEXT := $(sort $(OFFLINE_SRC) $(MESHER_SRC) $(READER_SRC) $(wildcard src/*.h src/*/*.h))
+$(call obj,src/scene/scene_hash.c): EXTRA += -DPALPATE_SOURCES_DIGEST='"$(shell cat $(OFFLINE_TEXT) | sha256sum | cut -c1-32)"'
+$(call obj,src/scene/scene_hash.c): $(OFFLINE_TEXT)
 $(VIEW_OBJ) $(PROGRAM_OBJ): EXTRA = $(call pc-cflags,$(PROGRAM_PC))
 
 $(BUILD)/obj/%.o: %.c
@@ -336,7 +336,7 @@ uninstall: ## remove what install put there
 
 # ---- Tidy ------------------------------------------------------------------------------------
 ALL_SRC := $(ONLINE_SRC) $(OFFLINE_SRC) $(MESHER_SRC) $(READER_SRC) $(VIEW_SRC) $(PROGRAM_SRC)
-ALL_FILES := $(ALL_SRC) $(wildcard include/palpate/*.h haptic/*.h haptic/*/*.h haptic/program/embed/*.c src/*.h src/*/*.h \
+ALL_FILES := $(ALL_SRC) $(wildcard include/palpate/*.h haptic/*/*.h haptic/program/embed/*.c src/*.h src/*/*.h \
              tests/*/*.[ch] bench/*.[ch])
 
 clean: ## remove everything built

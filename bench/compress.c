@@ -1,15 +1,20 @@
-/// @file compress.c  Bench: bytes, error and time of a field against the form its rows are stored in.
+/// @file compress.c  Bench: bytes, error and time of a field against the form its rows are stored
+/// in.
 ///
-/// Real bodies, each precomputed once with all rows in single precision; then the same rows in half,
-/// in scaled 16-bit integers, and in what store.tolerance picks at 1e-2, 1e-3 and 1e-4. For each form:
+/// Real bodies, each precomputed once with all rows in single precision; then the same rows in
+/// half, in scaled 16-bit integers, and in what store.tolerance picks at 1e-2, 1e-3 and 1e-4. For
+/// each form:
 ///   bytes    of the stored rows
-///   error    worst max |du| / max |u| over 64 contacts that the choice has not seen (field_sample.h)
-///   us       one field with 45 and with 15 nodes touched: median of thread CPU times, the forms
-///            interleaved, every call another contact, so that touched columns come from wherever they lie
-///   times    faster than single precision (m x N, in this library's own kernel), median of the rounds' ratios
-///   predicted  what precompute says the field costs
+///   error    worst max |du| / max |u| over 64 contacts that the choice has not seen
+///   (field_sample.h) us       one field with 45 and with 15 nodes touched: median of thread CPU
+///   times, the forms
+///            interleaved, every call another contact, so that touched columns come from wherever
+///            they lie
+///   times    faster than single precision (m x N, in this library's own kernel), median of the
+///   rounds' ratios predicted  what precompute says the field costs
 ///
-///     bench/compress [--quick | --large]     (--quick: small bodies; --large adds 20k stored nodes)
+///     bench/compress [--quick | --large]     (--quick: small bodies; --large adds 20k stored
+///     nodes)
 /// writes bench/results/compress.csv, compress.png (gnuplot).
 #include <math.h>
 #include <stdint.h>
@@ -22,10 +27,10 @@
 #include <palpate/precompute.h>
 #include <palpate/scene.h>
 
-#include "haptic/field_model.h"
-#include "haptic/model.h"
-#include "src/compress.h"
-#include "src/field_sample.h"
+#include "haptic/engine/field_model.h"
+#include "haptic/model/model.h"
+#include "src/store/compress.h"
+#include "src/store/field_sample.h"
 
 enum { FORMS = 6, ROUNDS = 25, CONTACTS = 64 };
 
@@ -91,7 +96,8 @@ static int write_liver(char path[64]) {
         return 0;
     }
     (void)fprintf(f,
-                  "palpate: 1\nestimate: false\nbody:\n  geometry: {file: %s, scale: 0.1}\n  spacing: 0.0075\n"
+                  "palpate: 1\nestimate: false\nbody:\n  geometry: {file: %s, scale: 0.1}\n  "
+                  "spacing: 0.0075\n"
                   "  material: {young: 5e3, poisson: 0.47}\n  fixed: [{above: {y: -0.01}}]\n"
                   "  touchable: [{ball: {center: [-0.04, -0.09, 1.5], radius: 0.05}}]\n"
                   "store: {displacement: all}\n",
@@ -108,7 +114,8 @@ static pal_model *body_model(size_t k, pal_error *error) {
     }
     pal_scene *scene = NULL;
     pal_model *model = NULL;
-    if (pal_scene_load(path[0] != 0 ? path : bodies[k].scene, set, 2, &scene, error) == PALPATE_OK) {
+    if (pal_scene_load(path[0] != 0 ? path : bodies[k].scene, set, 2, &scene, error) ==
+        PALPATE_OK) {
         (void)pal_precompute(scene, NULL, &model, error);
     }
     pal_scene_free(scene);
@@ -119,7 +126,8 @@ static pal_model *body_model(size_t k, pal_error *error) {
 }
 
 /// One field [s].
-static double time_field(const pal_model *m, const pal_sample_contact *c, void *scratch, float *out) {
+static double time_field(const pal_model *m, const pal_sample_contact *c, void *scratch,
+                         float *out) {
     float f32[3 * PALPATE_SAMPLE_NODES];
     for (int32_t k = 0; k < c->count; k++) {
         f32[k] = (float)(c->force[k] * pal_model_unit(m, c->dof[k]));
@@ -134,8 +142,10 @@ static void time_forms(const pal_model rows[FORMS], const pal_field_sample *samp
                        double us[FORMS], double ratio[FORMS]) {
     size_t floats = 0, bytes = 0;
     for (int f = 0; f < FORMS; f++) {
-        floats = (size_t)pal_field_floats(&rows[f]) > floats ? (size_t)pal_field_floats(&rows[f]) : floats;
-        bytes = pal_field_scratch_bytes(&rows[f]) > bytes ? pal_field_scratch_bytes(&rows[f]) : bytes;
+        floats = (size_t)pal_field_floats(&rows[f]) > floats ? (size_t)pal_field_floats(&rows[f])
+                                                             : floats;
+        bytes =
+            pal_field_scratch_bytes(&rows[f]) > bytes ? pal_field_scratch_bytes(&rows[f]) : bytes;
     }
     float *out = aligned_alloc(64, (floats * sizeof *out + 64) / 64 * 64);
     void *scratch = aligned_alloc(64, bytes + 64);
@@ -197,11 +207,11 @@ static int bench_body(size_t k, FILE *csv) {
                bodies[k].name, (int)m->info.row_count, (int)m->info.column_count, forms[f].name,
                stored_as(m), mb, worst[f], us[0][f], ratio[0][f], us[1][f], ratio[1][f],
                m->info.field_us, seconds[f]);
-        (void)fprintf(csv, "%s,%d,%d,%s,%s,%llu,%.3e,%.2f,%.3f,%.2f,%.3f,%.2f,%.2f,%d,%d,%d\n", bodies[k].name,
-                      (int)m->info.row_count, (int)m->info.column_count, forms[f].name, stored_as(m),
-                      (unsigned long long)pal_model_row_bytes(m), worst[f], us[0][f], ratio[0][f],
-                      us[1][f], ratio[1][f], m->info.field_us, seconds[f],
-                      m->bases != NULL ? (int)m->bases->cluster_count : 0,
+        (void)fprintf(csv, "%s,%d,%d,%s,%s,%llu,%.3e,%.2f,%.3f,%.2f,%.3f,%.2f,%.2f,%d,%d,%d\n",
+                      bodies[k].name, (int)m->info.row_count, (int)m->info.column_count,
+                      forms[f].name, stored_as(m), (unsigned long long)pal_model_row_bytes(m),
+                      worst[f], us[0][f], ratio[0][f], us[1][f], ratio[1][f], m->info.field_us,
+                      seconds[f], m->bases != NULL ? (int)m->bases->cluster_count : 0,
                       m->bases != NULL ? (int)m->bases->rank : 0,
                       m->bases != NULL ? (int)m->bases->pair_count : 0);
         pal_rows_clear(&rows[f]);
@@ -222,13 +232,15 @@ static void plot(void) {
     (void)fprintf(g, "set datafile separator ','\nset terminal pngcairo size 1100,480\n"
                      "set output 'bench/results/compress.png'\nset multiplot layout 1,2\n"
                      "set logscale xy\nset grid\nset key top left\nset xlabel 'stored nodes'\n");
-    static const char *const axis[] = {"field with 45 nodes touched [us, one core]", "stored rows [MB]"};
+    static const char *const axis[] = {"field with 45 nodes touched [us, one core]",
+                                       "stored rows [MB]"};
     static const char *const value[] = {"8", "($6/1e6)"};
     for (int p = 0; p < 2; p++) {
         (void)fprintf(g, "set ylabel '%s'\nplot", axis[p]);
         for (int f = 0; f < FORMS; f++) {
-            (void)fprintf(g, "%s '< grep \",%s,\" bench/results/compress.csv' using 2:%s title '%s' pt %d",
-                          f > 0 ? "," : "", forms[f].name, value[p], forms[f].name, 4 + f);
+            (void)fprintf(
+                g, "%s '< grep \",%s,\" bench/results/compress.csv' using 2:%s title '%s' pt %d",
+                f > 0 ? "," : "", forms[f].name, value[p], forms[f].name, 4 + f);
         }
         (void)fprintf(g, p == 0 ? ", 300 title '300 us' dt 2\n" : "\n");
     }
@@ -241,14 +253,17 @@ int main(int argc, char **argv) {
                                                              : 1;
     FILE *csv = fopen("bench/results/compress.csv", "w");
     if (csv == NULL) {
-        (void)fprintf(stderr, "bench/compress: cannot write bench/results/compress.csv: run from the root\n");
+        (void)fprintf(
+            stderr, "bench/compress: cannot write bench/results/compress.csv: run from the root\n");
         return 1;
     }
     (void)fprintf(csv, "body,stored,columns,asked,stored_as,bytes,error,us_45,over_single_45,us_15,"
                        "over_single_15,predicted_us,compress_s,clusters,rank,pairs\n");
-    printf("kernel %s; times are medians of %d interleaved rounds\n", pal_isa_name(pal_field_best()), ROUNDS);
-    printf("%-13s %6s %5s  %-15s %-7s %8s %9s | %8s %6s | %8s %6s | %8s %6s\n", "body", "stored", "cols",
-           "asked", "form", "MB", "error", "us m=45", "times", "us m=15", "times", "predict", "s");
+    printf("kernel %s; times are medians of %d interleaved rounds\n",
+           pal_isa_name(pal_field_best()), ROUNDS);
+    printf("%-13s %6s %5s  %-15s %-7s %8s %9s | %8s %6s | %8s %6s | %8s %6s\n", "body", "stored",
+           "cols", "asked", "form", "MB", "error", "us m=45", "times", "us m=15", "times",
+           "predict", "s");
     for (size_t k = 0; k < sizeof bodies / sizeof *bodies; k++) {
         if (bodies[k].size <= size && bench_body(k, csv) != 0) {
             (void)fclose(csv);

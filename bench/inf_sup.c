@@ -1,16 +1,16 @@
 /// @file inf_sup.c  Bench: which displacement/pressure pair of the Galerkin method is stable.
 ///
-/// Numerical inf-sup values (src/galerkin_inf_sup.h) on a cube held all round, 3 to 7 cells a side,
-/// lattice and jittered. A pair is stable when only the constant pressure is unseen and beta does
-/// not fall with refinement: the last value at least 0.8 of the first (an unstable pair's falls
-/// like h or faster, here to less than 0.5). Dense algebra, about a minute.
+/// Numerical inf-sup values (src/discretization/galerkin_inf_sup.h) on a cube held all round, 3 to
+/// 7 cells a side, lattice and jittered. A pair is stable when only the constant pressure is unseen
+/// and beta does not fall with refinement: the last value at least 0.8 of the first (an unstable
+/// pair's falls like h or faster, here to less than 0.5). Dense algebra, about a minute.
 ///
 ///     bench/inf_sup            writes bench/results/inf_sup.csv
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "src/galerkin_inf_sup.h"
+#include "src/discretization/galerkin_inf_sup.h"
 
 enum { FIRST = 3, LAST = 7 };
 

@@ -1,11 +1,11 @@
 /// @file jitter.c  Bench: what the engine adds to the machine's own lateness.
 ///
 /// The servo thread (a session with a scripted tool pressing a model of 10 000 stored nodes) and
-/// `cyclictest` (rt-tests) at the same priority, on the same core, in alternating slices; first with
-/// the other cores as they are, then with each loaded by a busy process that streams through memory
-/// and with the session's render thread at 30 Hz. Lateness = wake-up after the deadline. The figure
-/// that counts is the median of the ratios servo / cyclictest of neighbouring slices, with its
-/// distribution-free 95 % interval (order statistics).
+/// `cyclictest` (rt-tests) at the same priority, on the same core, in alternating slices; first
+/// with the other cores as they are, then with each loaded by a busy process that streams through
+/// memory and with the session's render thread at 30 Hz. Lateness = wake-up after the deadline. The
+/// figure that counts is the median of the ratios servo / cyclictest of neighbouring slices, with
+/// its distribution-free 95 % interval (order statistics).
 ///
 ///     bench/jitter [--quick] [--slices N] [--seconds S]
 /// (default 20 slices of 5 s each per condition, --quick 6 of 2 s); writes
@@ -24,7 +24,14 @@
 
 #include "tests/support/synthetic_model.h"
 
-enum { SLICES_MAX = 200, LATE_MAX = 50000, QUANTILES = 3, SIDES = 2, CONDITIONS = 2, LOADS_MAX = 64 };
+enum {
+    SLICES_MAX = 200,
+    LATE_MAX = 50000,
+    QUANTILES = 3,
+    SIDES = 2,
+    CONDITIONS = 2,
+    LOADS_MAX = 64
+};
 static const char *const side_name[SIDES] = {"servo", "cyclictest"};
 static const char *const condition_name[CONDITIONS] = {"idle", "loaded"};
 static const double level[QUANTILES] = {0.5, 0.99, 0.999};
@@ -69,8 +76,8 @@ static void drop_frame(void *user, const pal_frame *frame) {
     (void)frame;
 }
 
-static int servo_slice(const pal_model *model, int cpu, int loaded, double seconds, distribution *own,
-                       slice *s, char *scheduling, size_t size) {
+static int servo_slice(const pal_model *model, int cpu, int loaded, double seconds,
+                       distribution *own, slice *s, char *scheduling, size_t size) {
     pal_error error = {0};
     pal_session *session = NULL;
     pal_session_def def = pal_session_default_def();
@@ -110,9 +117,10 @@ static int servo_slice(const pal_model *model, int cpu, int loaded, double secon
 
 static int cyclictest_slice(int cpu, double seconds, distribution *own) {
     char command[256], line[256];
-    (void)snprintf(command, sizeof command,
-                   "cyclictest -q -m -p 80 -i 1000 -a %d --mainaffinity=%d -t 1 -l %.0f -h %d 2>/dev/null",
-                   cpu, cpu, 1000.0 * seconds, LATE_MAX);
+    (void)snprintf(
+        command, sizeof command,
+        "cyclictest -q -m -p 80 -i 1000 -a %d --mainaffinity=%d -t 1 -l %.0f -h %d 2>/dev/null",
+        cpu, cpu, 1000.0 * seconds, LATE_MAX);
     FILE *f = popen(command, "r");
     if (f == NULL) {
         return -1;
@@ -230,8 +238,10 @@ static void plot(distribution total[CONDITIONS][SIDES]) {
                      "set output 'bench/results/jitter.png'\nset logscale xy\nset grid\n"
                      "set xlabel 'lateness [us]'\nset ylabel 'share of ticks at least as late'\n"
                      "set format y '10^{%%L}'\n"
-                     "plot for [c=2:5] 'bench/results/jitter_histogram.csv' using ($1+1):(column(c)>0?column(c):1/0) "
-                     "with steps lw 2 title word('idle:servo idle:cyclictest loaded:servo loaded:cyclictest', c-1)\n");
+                     "plot for [c=2:5] 'bench/results/jitter_histogram.csv' using "
+                     "($1+1):(column(c)>0?column(c):1/0) "
+                     "with steps lw 2 title word('idle:servo idle:cyclictest loaded:servo "
+                     "loaded:cyclictest', c-1)\n");
     (void)pclose(g);
 }
 
@@ -273,7 +283,8 @@ int main(int argc, char **argv) {
         return 1;
     }
     (void)fprintf(csv, "condition,side,slice,ticks,missed,p50_us,p99_us,p999_us,max_us\n");
-    printf("%-7s %-5s %9s %16s %24s\n", "", "", "servo us", "cyclictest us", "median of slice ratios");
+    printf("%-7s %-5s %9s %16s %24s\n", "", "", "servo us", "cyclictest us",
+           "median of slice ratios");
     for (int c = 0; c < CONDITIONS; c++) {
         pid_t load[LOADS_MAX];
         int loads = c == 1 ? start_load(cpu, &allowed, load) : 0, failed = 0;
@@ -282,18 +293,21 @@ int main(int argc, char **argv) {
                 int side = (turn + k) % 2; // each goes first in every other pair
                 slice *s = &run[c][side][k];
                 memset(&own, 0, sizeof own);
-                failed = side == 0 ? servo_slice(model, cpu, c, seconds, &own, s, scheduling, sizeof scheduling)
+                failed = side == 0 ? servo_slice(model, cpu, c, seconds, &own, s, scheduling,
+                                                 sizeof scheduling)
                                    : cyclictest_slice(cpu, seconds, &own);
                 finish_slice(&own, &total[c][side], s);
-                (void)fprintf(csv, "%s,%s,%d,%llu,%llu,%g,%g,%g,%g\n", condition_name[c], side_name[side], k,
-                              (unsigned long long)s->ticks, (unsigned long long)s->missed, s->us[0], s->us[1],
-                              s->us[2], s->max);
+                (void)fprintf(csv, "%s,%s,%d,%llu,%llu,%g,%g,%g,%g\n", condition_name[c],
+                              side_name[side], k, (unsigned long long)s->ticks,
+                              (unsigned long long)s->missed, s->us[0], s->us[1], s->us[2], s->max);
             }
         }
         stop_load(load, loads);
         if (failed) {
-            (void)fprintf(stderr, "bench/jitter: a slice failed (is cyclictest of rt-tests installed, and may "
-                                  "this user use real-time priorities?)\n");
+            (void)fprintf(
+                stderr,
+                "bench/jitter: a slice failed (is cyclictest of rt-tests installed, and may "
+                "this user use real-time priorities?)\n");
             return 1;
         }
         for (int q = 0; q < QUANTILES; q++) {
@@ -306,8 +320,8 @@ int main(int argc, char **argv) {
             median_interval(ratio, slices, r);
             median_interval(a, slices, ma);
             median_interval(b, slices, mb);
-            printf("%-7s p%-5.4g %8.1f %16.1f %10.2f  [%.2f, %.2f]\n", condition_name[c], 100 * level[q], ma[0],
-                   mb[0], r[0], r[1], r[2]);
+            printf("%-7s p%-5.4g %8.1f %16.1f %10.2f  [%.2f, %.2f]\n", condition_name[c],
+                   100 * level[q], ma[0], mb[0], r[0], r[1], r[2]);
         }
         (void)fflush(stdout);
     }

@@ -1,17 +1,19 @@
 /// @file offline.c  Bench: what the offline stage costs, against the number of nodes.
 ///
 /// Hemispheres of uniform spacing with about 500 touchable nodes around the pole (fewer on the
-/// smallest ones), methods cell (CHOLMOD) and galerkin (displacement and pressure, UMFPACK). Each case
-/// runs in a process of its own, so its peak memory is its own: the whole of pal_precompute timed by
-/// stage, then on the same system the solver alone, one thread, thread CPU time:
-///   block       pal_factor_solve, blocks of right-hand sides, wanted rows only (what precompute does)
-///   reference   UMFPACK's own solve (CHOLMOD's on the positive definite systems), one right-hand side
+/// smallest ones), methods cell (CHOLMOD) and galerkin (displacement and pressure, UMFPACK). Each
+/// case runs in a process of its own, so its peak memory is its own: the whole of pal_precompute
+/// timed by stage, then on the same system the solver alone, one thread, thread CPU time:
+///   block       pal_factor_solve, blocks of right-hand sides, wanted rows only (what precompute
+///   does) reference   UMFPACK's own solve (CHOLMOD's on the positive definite systems), one
+///   right-hand side
 ///               at a time, with 0 and 2 steps of iterative refinement
-/// on sampled columns, interleaved, the ratio being of medians in the same run. Growth exponents: the
-/// slope of a least-squares line through (log nodes, log seconds or bytes).
+/// on sampled columns, interleaved, the ratio being of medians in the same run. Growth exponents:
+/// the slope of a least-squares line through (log nodes, log seconds or bytes).
 ///
 ///     bench/offline [--large | --middle | --quick | --nodes N] [--method NAME]
-/// (--large adds 20k nodes, --middle stops at 5k, --quick at 2k); writes bench/results/offline.csv, offline.png
+/// (--large adds 20k nodes, --middle stops at 5k, --quick at 2k); writes bench/results/offline.csv,
+/// offline.png
 /// (--nodes, one size alone, writes neither).
 #include <math.h>
 #include <stdint.h>
@@ -25,13 +27,13 @@
 
 #include <palpate/precompute.h>
 
-#include "haptic/model.h"
-#include "src/cloud.h"
-#include "src/discretization.h"
-#include "src/factor.h"
-#include "src/memory_plan.h"
-#include "src/scene.h"
-#include "src/scene_check.h"
+#include "haptic/model/model.h"
+#include "src/cloud/cloud.h"
+#include "src/discretization/discretization.h"
+#include "src/solution/factor.h"
+#include "src/solution/memory_plan.h"
+#include "src/scene/scene.h"
+#include "src/cloud/scene_check.h"
 
 extern void openblas_set_num_threads(int threads);
 
@@ -66,8 +68,10 @@ static double median(double *v, int count) {
 
 static pal_status load(int method, int nodes, pal_scene **scene, pal_error *error) {
     const double R = 0.05, pi = 3.14159265358979;
-    // a cloud of spacing h has about 1.3 nodes per h^3 (measured); the cap of 500 nodes: pi r^2 = 450 h^2
-    double h = cbrt(1.3 * 2.0 / 3.0 * pi * R * R * R / nodes), r = fmin(1.2 * R, h * sqrt(450.0 / pi));
+    // a cloud of spacing h has about 1.3 nodes per h^3 (measured); the cap of 500 nodes: pi r^2 =
+    // 450 h^2
+    double h = cbrt(1.3 * 2.0 / 3.0 * pi * R * R * R / nodes),
+           r = fmin(1.2 * R, h * sqrt(450.0 / pi));
     char path[64];
     (void)snprintf(path, sizeof path, "/tmp/palpate-offline-%ld.yaml", (long)getpid());
     FILE *f = fopen(path, "w");
@@ -101,7 +105,8 @@ static pal_status compare(const pal_system *system, const int32_t *touchable, in
     size_t n = (size_t)system->unknown_count;
     pal_factor *factor = NULL;
     pal_factor_report report;
-    pal_status status = pal_factor_create(&system->matrix, system->positive, NULL, &factor, &report, error);
+    pal_status status =
+        pal_factor_create(&system->matrix, system->positive, NULL, &factor, &report, error);
     if (status != PALPATE_OK) {
         return status;
     }
@@ -119,7 +124,8 @@ static pal_status compare(const pal_system *system, const int32_t *touchable, in
     }
     int64_t columns = 3 * (int64_t)count;
     int width = columns < PALPATE_FACTOR_BLOCK ? (int)columns : PALPATE_FACTOR_BLOCK;
-    for (int round = -1; round < ROUNDS && status == PALPATE_OK; round++) { // the first one warms up
+    for (int round = -1; round < ROUNDS && status == PALPATE_OK;
+         round++) { // the first one warms up
         int64_t first = (columns - width) * (round < 0 ? 0 : round) / (ROUNDS - 1);
         for (int c = 0; c < width; c++) {
             load_column(system, touchable, first + c, x + (size_t)c * n);
@@ -133,7 +139,8 @@ static pal_status compare(const pal_system *system, const int32_t *touchable, in
             load_column(system, touchable, first + c, b);
             for (int refine = 0; refine < 2 && status == PALPATE_OK; refine++) {
                 t = cpu_seconds();
-                status = pal_factor_solve_reference(factor, &system->matrix, 2 * refine, b, y, error);
+                status =
+                    pal_factor_solve_reference(factor, &system->matrix, 2 * refine, b, y, error);
                 one[refine][(round < 0 ? 0 : round) * REFERENCES + k] = cpu_seconds() - t;
             }
             double off = 0, size = 0;
@@ -176,7 +183,8 @@ static pal_status solvers(pal_scene *scene, const pal_model *m, result *r, pal_e
         fixed[i] = (sets.flags[i] & PALPATE_NODE_FIXED) != 0;
     }
     if (status == PALPATE_OK) {
-        status = pal_discretize(&cloud, fixed, scene->poisson, &scene->method, NULL, &system, error);
+        status =
+            pal_discretize(&cloud, fixed, scene->poisson, &scene->method, NULL, &system, error);
     }
     if (status == PALPATE_OK) {
         r->unknowns = system.unknown_count;
@@ -207,7 +215,8 @@ static result run(int method, int nodes) {
     pal_scene *scene = NULL;
     pal_model *model = NULL;
     pal_error error = {0};
-    openblas_set_num_threads(1); // waits by spinning otherwise: its CPU time would count the waiting
+    openblas_set_num_threads(
+        1); // waits by spinning otherwise: its CPU time would count the waiting
     pal_status status = load(method, nodes, &scene, &error);
     if (status == PALPATE_OK) {
         status = pal_precompute(scene, NULL, &model, &error);
@@ -222,7 +231,8 @@ static result run(int method, int nodes) {
         status = solvers(scene, model, &r, &error);
     }
     if (status != PALPATE_OK) {
-        (void)fprintf(stderr, "bench/offline: %s, %d nodes: %s\n", method_name[method], nodes, error.message);
+        (void)fprintf(stderr, "bench/offline: %s, %d nodes: %s\n", method_name[method], nodes,
+                      error.message);
     }
     r.ok = status == PALPATE_OK;
     pal_model_free(model);
@@ -253,14 +263,15 @@ static result run_apart(int method, int nodes) {
 }
 
 static double pick(const result *r, int k) {
-    const double v[] = {r->s.cloud, r->s.assemble, r->s.factor, r->s.solve, r->s.certify, r->s.total,
-                        (double)r->peak_bytes, (double)r->factor_bytes};
+    const double v[] = {
+        r->s.cloud,   r->s.assemble, r->s.factor,           r->s.solve,
+        r->s.certify, r->s.total,    (double)r->peak_bytes, (double)r->factor_bytes};
     return v[k];
 }
 
 static void exponents(const result *all, int count, int method) {
-    static const char *const name[] = {"cloud", "assemble", "factor", "solve", "certify", "total",
-                                       "peak bytes", "factor bytes"};
+    static const char *const name[] = {"cloud",   "assemble", "factor",     "solve",
+                                       "certify", "total",    "peak bytes", "factor bytes"};
     printf("%s grows as nodes to the power:", method_name[method]);
     for (int k = 0; k < 8; k++) {
         double n = 0, sx = 0, sy = 0, sxx = 0, sxy = 0;
@@ -286,9 +297,10 @@ static void plot(void) {
     if (g == NULL) {
         return;
     }
-    (void)fprintf(g, "set datafile separator ','\nset terminal pngcairo size 1600,900\n"
-                     "set output 'bench/results/offline.png'\nset multiplot layout 1,3\nset logscale xy\n"
-                     "set grid\nset key below vertical maxrows 5\nset xlabel 'nodes'\n");
+    (void)fprintf(
+        g, "set datafile separator ','\nset terminal pngcairo size 1600,900\n"
+           "set output 'bench/results/offline.png'\nset multiplot layout 1,3\nset logscale xy\n"
+           "set grid\nset key below vertical maxrows 5\nset xlabel 'nodes'\n");
     static const char *const what[3] = {"seconds per stage", "MB", "CPU ms per column, one thread"};
     static const char *const columns[3][5] = {
         {"5:cloud", "6:assemble", "7:factor", "8:solve", "10:total"},
@@ -299,10 +311,11 @@ static void plot(void) {
         (void)fprintf(g, "set ylabel '%s'\nplot ", what[p]);
         for (int m = 0; m < METHODS; m++) {
             for (int k = 0; k < 5 && columns[p][k] != NULL; k++) {
-                (void)fprintf(g, "%s\"< awk -F, '$1==\\\"%s\\\"' bench/results/offline.csv\" using "
-                                 "2:(%g*$%d) with linespoints dt %d title '%s %s'",
-                              m + k ? ", " : "", method_name[m], unit[p], atoi(columns[p][k]), m + 1,
-                              method_name[m], strchr(columns[p][k], ':') + 1);
+                (void)fprintf(g,
+                              "%s\"< awk -F, '$1==\\\"%s\\\"' bench/results/offline.csv\" using "
+                              "2:(%g*$%d) with linespoints dt %d title '%s %s'",
+                              m + k ? ", " : "", method_name[m], unit[p], atoi(columns[p][k]),
+                              m + 1, method_name[m], strchr(columns[p][k], ':') + 1);
             }
         }
         (void)fprintf(g, "\n");
@@ -331,7 +344,10 @@ int main(int argc, char **argv) {
             i++;
             only = strcmp(argv[i], "galerkin") == 0;
         } else {
-            (void)fprintf(stderr, "usage: %s [--large | --middle | --quick | --nodes N] [--method cell|galerkin]\n", argv[0]);
+            (void)fprintf(
+                stderr,
+                "usage: %s [--large | --middle | --quick | --nodes N] [--method cell|galerkin]\n",
+                argv[0]);
             return 2;
         }
     }
@@ -340,12 +356,16 @@ int main(int argc, char **argv) {
         (void)fprintf(stderr, "bench/offline: run from the project's folder\n");
         return 1;
     }
-    (void)fprintf(csv, "method,nodes,touchable,unknowns,cloud_s,assemble_s,factor_s,solve_s,certify_s,total_s,"
-                       "model_bytes,peak_bytes,predicted_bytes,factor_bytes,factor_entries,block_s,"
-                       "one_at_a_time_s,refined_s,difference\n");
-    printf("%-9s %6s %5s %8s | %6s %8s %7s %7s %8s %7s s | %7s %7s %7s MB | %7s %7s %7s ms | %6s %6s\n", "method",
-           "nodes", "touch", "unknowns", "cloud", "assemble", "factor", "solve", "certify", "total", "model",
-           "peak", "planned", "block", "one", "refined", "ratio", "ratio2");
+    (void)fprintf(
+        csv,
+        "method,nodes,touchable,unknowns,cloud_s,assemble_s,factor_s,solve_s,certify_s,total_s,"
+        "model_bytes,peak_bytes,predicted_bytes,factor_bytes,factor_entries,block_s,"
+        "one_at_a_time_s,refined_s,difference\n");
+    printf("%-9s %6s %5s %8s | %6s %8s %7s %7s %8s %7s s | %7s %7s %7s MB | %7s %7s %7s ms | %6s "
+           "%6s\n",
+           "method", "nodes", "touch", "unknowns", "cloud", "assemble", "factor", "solve",
+           "certify", "total", "model", "peak", "planned", "block", "one", "refined", "ratio",
+           "ratio2");
     static result all[CASES_MAX];
     for (int k = 0; k < sizes; k++) {
         for (int m = 0; m < METHODS; m++) {
@@ -359,21 +379,25 @@ int main(int argc, char **argv) {
                 continue;
             }
             count++;
-            printf("%-9s %6d %5d %8d | %6.2f %8.2f %7.2f %7.2f %8.2f %7.2f   | %7.0f %7.0f %7.0f    | %7.3f %7.2f "
+            printf("%-9s %6d %5d %8d | %6.2f %8.2f %7.2f %7.2f %8.2f %7.2f   | %7.0f %7.0f %7.0f   "
+                   " | %7.3f %7.2f "
                    "%7.2f    | %6.1f %6.1f\n",
-                   method_name[m], r->nodes, r->touchable, r->unknowns, r->s.cloud, r->s.assemble, r->s.factor,
-                   r->s.solve, r->s.certify, r->s.total, 1e-6 * (double)r->model_bytes,
+                   method_name[m], r->nodes, r->touchable, r->unknowns, r->s.cloud, r->s.assemble,
+                   r->s.factor, r->s.solve, r->s.certify, r->s.total, 1e-6 * (double)r->model_bytes,
                    1e-6 * (double)r->peak_bytes, 1e-6 * (double)r->predicted_bytes, 1e3 * r->block,
                    1e3 * r->reference[0], 1e3 * r->reference[1], r->reference[0] / r->block,
                    r->reference[1] / r->block);
             (void)fflush(stdout);
-            (void)fprintf(csv, "%s,%d,%d,%d,%.4g,%.4g,%.4g,%.4g,%.4g,%.4g,%llu,%llu,%llu,%llu,%lld,%.4g,%.4g,%.4g,"
-                               "%.3g\n",
-                          method_name[m], r->nodes, r->touchable, r->unknowns, r->s.cloud, r->s.assemble,
-                          r->s.factor, r->s.solve, r->s.certify, r->s.total, (unsigned long long)r->model_bytes,
-                          (unsigned long long)r->peak_bytes, (unsigned long long)r->predicted_bytes,
-                          (unsigned long long)r->factor_bytes, (long long)r->factor_entries, r->block,
-                          r->reference[0], r->reference[1], r->difference);
+            (void)fprintf(
+                csv,
+                "%s,%d,%d,%d,%.4g,%.4g,%.4g,%.4g,%.4g,%.4g,%llu,%llu,%llu,%llu,%lld,%.4g,%.4g,%.4g,"
+                "%.3g\n",
+                method_name[m], r->nodes, r->touchable, r->unknowns, r->s.cloud, r->s.assemble,
+                r->s.factor, r->s.solve, r->s.certify, r->s.total,
+                (unsigned long long)r->model_bytes, (unsigned long long)r->peak_bytes,
+                (unsigned long long)r->predicted_bytes, (unsigned long long)r->factor_bytes,
+                (long long)r->factor_entries, r->block, r->reference[0], r->reference[1],
+                r->difference);
             (void)fflush(csv);
         }
     }

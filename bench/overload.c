@@ -1,12 +1,13 @@
-/// @file overload.c  Bench: a displacement field too large for the period costs frames, never forces.
+/// @file overload.c  Bench: a displacement field too large for the period costs frames, never
+/// forces.
 ///
-/// A real-time servo at 2 kHz under a scripted slide on a half space with 30 000 stored nodes, whose
-/// field takes longer than the 500 us there are; in alternating slices, one after the other:
+/// A real-time servo at 2 kHz under a scripted slide on a half space with 30 000 stored nodes,
+/// whose field takes longer than the 500 us there are; in alternating slices, one after the other:
 ///   none     the same body without stored rows: what the machine itself does to the force
 ///   servo    the field by the servo: it must give way
 ///   render   the field by the render thread (render: {field: render})
-/// Per slice: share of periods with a tick, pose to force, share of ticks with a field, frames drawn
-/// a second. Medians over the slices are printed with the ratio to `none` of the same round.
+/// Per slice: share of periods with a tick, pose to force, share of ticks with a field, frames
+/// drawn a second. Medians over the slices are printed with the ratio to `none` of the same round.
 ///
 ///     bench/overload [--slices N] [--seconds S]        (default 7 slices of 2 s each)
 /// writes bench/results/overload.csv.
@@ -17,13 +18,14 @@
 
 #include <palpate/session.h>
 
-#include "haptic/model.h"
+#include "haptic/model/model.h"
 #include "tests/support/synthetic_model.h"
 
 enum { SLICES_MAX = 100, KINDS = 3, VALUES = 8 };
 static const char *const kind_name[KINDS] = {"none", "servo", "render"};
-static const char *const value_name[VALUES] = {"ticks %", "pose to force p50", "p99", "p99.9",
-                                               "lateness p99", "fields %", "field p50", "frames/s"};
+static const char *const value_name[VALUES] = {"ticks %",   "pose to force p50", "p99",
+                                               "p99.9",     "lateness p99",      "fields %",
+                                               "field p50", "frames/s"};
 
 static int by_value(const void *a, const void *b) {
     double x = *(const double *)a, y = *(const double *)b;
@@ -44,8 +46,11 @@ static int slice(const pal_model *model, int kind, double seconds, double out[VA
     tool.radius = 0.012;
     tool.start[2] = tool.radius;
     tool.device.kind = PALPATE_DEVICE_SCRIPTED;
-    tool.device.stroke = (pal_stroke){
-        .kind = PALPATE_STROKE_CIRCLE, .depth = 0.0019, .ramp = 0.2, .period = 1, .amplitude = 0.002};
+    tool.device.stroke = (pal_stroke){.kind = PALPATE_STROKE_CIRCLE,
+                                      .depth = 0.0019,
+                                      .ramp = 0.2,
+                                      .period = 1,
+                                      .amplitude = 0.002};
     pal_session_def def = pal_session_default_def();
     def.engine.tool_count = 1;
     def.engine.tools = &tool;
@@ -102,8 +107,9 @@ int main(int argc, char **argv) {
         return 1;
     }
     static double value[KINDS][VALUES][SLICES_MAX];
-    (void)fprintf(csv, "slice,field,ticks_percent,pose_to_force_p50_us,p99_us,p999_us,lateness_p99_us,"
-                       "fields_percent,field_p50_us,frames_per_second\n");
+    (void)fprintf(csv,
+                  "slice,field,ticks_percent,pose_to_force_p50_us,p99_us,p999_us,lateness_p99_us,"
+                  "fields_percent,field_p50_us,frames_per_second\n");
     for (int k = 0; k < slices; k++) {
         for (int turn = 0; turn < KINDS; turn++) {
             int kind = (turn + k) % KINDS;
@@ -120,8 +126,10 @@ int main(int argc, char **argv) {
         }
     }
     (void)fclose(csv);
-    printf("%d stored nodes, servo at 2 kHz, %d slices of %g s each way; medians (ratio to `none` of the round) "
-           "[us]\n%-20s", large->info.row_count, slices, seconds, "field by");
+    printf("%d stored nodes, servo at 2 kHz, %d slices of %g s each way; medians (ratio to `none` "
+           "of the round) "
+           "[us]\n%-20s",
+           large->info.row_count, slices, seconds, "field by");
     for (int i = 0; i < VALUES; i++) {
         printf(" %18s", value_name[i]);
     }

@@ -4,10 +4,11 @@
 ///     CSV make bench-ripple ARGS="scene.yaml ..."    these scenes instead
 ///
 /// Points slide along lines over the touchable surface, for every number of nodes K and power p of
-/// the weights (haptic/contact_weights.h). What one contact point feels at x should not know where
-/// the nodes are:
+/// the weights (haptic/contact/contact_weights.h). What one contact point feels at x should not
+/// know where the nodes are:
 ///     nodal       c(x) = n' Phi C_TT Phi' n                        the mesh's own
-///     near field  c(x) = n' Phi R Phi' n + 3.91 n0 / sqrt(cell)    R of haptic/near_field.h, n0 =
+///     near field  c(x) = n' Phi R Phi' n + 3.91 n0 / sqrt(cell)    R of
+///     haptic/contact/near_field.h, n0 =
 ///                 (1 - nu^2) / (pi E): 1/r put back with the area of a contact cell, here a node's
 /// ripple = (largest - smallest) / mean over windows of two spacings after removing a quadratic
 /// trend (c varies over the body on its own): median over the windows and the worst. Then balls are
@@ -21,10 +22,10 @@
 #include <string.h>
 #include <time.h>
 
-#include "haptic/contact.h"
-#include "haptic/contact_surface.h"
-#include "haptic/contact_weights.h"
-#include "haptic/near_field.h"
+#include "haptic/contact/contact.h"
+#include "haptic/contact/contact_surface.h"
+#include "haptic/contact/contact_weights.h"
+#include "haptic/contact/near_field.h"
 
 #include <palpate/precompute.h>
 

@@ -19,7 +19,7 @@
 #include <sys/mman.h>
 #include <time.h>
 
-#include "haptic/engine.h"
+#include "haptic/engine/engine.h"
 #include "tests/support/synthetic_model.h"
 
 extern void openblas_set_num_threads(int threads);

@@ -1,12 +1,12 @@
 /// @file ticks.c  Bench: a million ticks, stage by stage.
 ///
-/// Freewheel ticks as the servo makes them (device read, force, device write, field, publish) on the
-/// hemisphere and the organ of scenes/ and on a half space with 10 000 stored nodes under a sphere
-/// that keeps 16 or more contact points. The stage clock (haptic/stages.h) is hung into the engine and
-/// reads CLOCK_THREAD_CPUTIME_ID: what the host gives to others is not counted. It is a system call,
-/// which is why only a bench does this; its own cost, printed, is inside every stage. One reader whose
-/// frames are replaced every tick: the field is computed each time, the worst case (a session's readers
-/// want it every fourth tick at most).
+/// Freewheel ticks as the servo makes them (device read, force, device write, field, publish) on
+/// the hemisphere and the organ of scenes/ and on a half space with 10 000 stored nodes under a
+/// sphere that keeps 16 or more contact points. The stage clock (haptic/base/stages.h) is hung into
+/// the engine and reads CLOCK_THREAD_CPUTIME_ID: what the host gives to others is not counted. It
+/// is a system call, which is why only a bench does this; its own cost, printed, is inside every
+/// stage. One reader whose frames are replaced every tick: the field is computed each time, the
+/// worst case (a session's readers want it every fourth tick at most).
 ///
 ///     bench/ticks [--ticks N] [--quick] [--case NAME]...
 /// (default 1 000 000 ticks per case; --quick 20 000); writes bench/results/ticks.csv.
@@ -19,9 +19,9 @@
 #include <palpate/precompute.h>
 #include <palpate/session.h>
 
-#include "haptic/engine.h"
-#include "haptic/quantiles.h"
-#include "src/compress.h"
+#include "haptic/engine/engine.h"
+#include "haptic/base/quantiles.h"
+#include "src/store/compress.h"
 #include "tests/support/synthetic_model.h"
 
 static int64_t cpu_now(void) {
@@ -44,7 +44,7 @@ typedef struct bench_case {
     pal_precision precision;  ///< of the half space's stored rows
     pal_contact_kind law;
     pal_field_by by;
-    double radius;    ///< of the sphere; 0: the scene's own
+    double radius; ///< of the sphere; 0: the scene's own
     pal_stroke stroke;
     double force_limit, tick_limit; ///< p99.9 asked for [us]; 0: none
     double friction;
@@ -52,8 +52,10 @@ typedef struct bench_case {
 } bench_case;
 
 #define SLIDE(depth_, amplitude_)                                                                  \
-    {.kind = PALPATE_STROKE_CIRCLE, .depth = (depth_), .ramp = 0.5, .period = 2,                   \
-     .amplitude = (amplitude_), .tremor_amplitude = 2e-4, .tremor_frequency = 10}
+    {                                                                                              \
+        .kind = PALPATE_STROKE_CIRCLE, .depth = (depth_), .ramp = 0.5, .period = 2,                \
+        .amplitude = (amplitude_), .tremor_amplitude = 2e-4, .tremor_frequency = 10                \
+    }
 
 #define SINGLE PALPATE_PRECISION_SINGLE
 #define SCALED PALPATE_PRECISION_SCALED
@@ -63,7 +65,8 @@ typedef struct bench_case {
 #define READER PALPATE_FIELD_BY_READER
 
 static const bench_case cases[] = {
-    {"hemisphere", "scenes/hemisphere.yaml", SINGLE, SURFACE, SERVO, 0, SLIDE(0.003, 0.004), 0, 0, 0, 0},
+    {"hemisphere", "scenes/hemisphere.yaml", SINGLE, SURFACE, SERVO, 0, SLIDE(0.003, 0.004), 0, 0,
+     0, 0},
     {"organ", "scenes/organ.yaml", SINGLE, SURFACE, SERVO, 0, SLIDE(0.006, 0.008), 0, 0, 0, 0},
     {"10k", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0, 0},
     {"10k-scaled", NULL, SCALED, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0, 0},
@@ -83,7 +86,8 @@ static pal_model *half_space(pal_precision precision, double tolerance, pal_erro
     p.rows = SYNTHETIC_ROWS_ALL;
     p.precision = precision;
     pal_model *model = synthetic_model(&p);
-    if (model != NULL && tolerance > 0.0 && pal_compress(model, tolerance, NULL, error) != PALPATE_OK) {
+    if (model != NULL && tolerance > 0.0 &&
+        pal_compress(model, tolerance, NULL, error) != PALPATE_OK) {
         pal_model_free(model);
         return NULL;
     }
@@ -155,18 +159,23 @@ static pal_status run_ticks(pal_engine *engine, pal_device *device, uint64_t tic
     return PALPATE_OK;
 }
 
-static void report(const bench_case *c, const pal_model_info *info, const pal_engine *engine, measured *m,
-                   FILE *csv) {
+static void report(const bench_case *c, const pal_model_info *info, const pal_engine *engine,
+                   measured *m, FILE *csv) {
 #define STAGE_TEXT(name, text) text,
-    static const char *const name[ROWS] = {PALPATE_STAGE_LIST(STAGE_TEXT) "pose to force", "whole tick"};
+    static const char *const name[ROWS] = {PALPATE_STAGE_LIST(STAGE_TEXT) "pose to force",
+                                           "whole tick"};
 #undef STAGE_TEXT
     uint64_t ticks = atomic_load(&m->time[TICK].total);
-    printf("\n%s: %d stored nodes, %d bytes an entry, %d touchable, field by the %s, law '%s'; %llu ticks, %.1f "
-           "contact points (%d to %d), %.1f nodes carry force (most %d), faults %llu\n%-38s %8s %8s %8s %8s\n",
-           c->name, info->row_count, (int)pal_precision_size(info->precision), info->touchable_count,
-           c->by == PALPATE_FIELD_BY_SERVO ? "servo" : "reader", engine->law->name, (unsigned long long)ticks,
-           (double)m->contacts / (double)ticks, m->fewest, m->most, (double)m->nodes / (double)ticks, m->nodes_most,
-           (unsigned long long)(engine->counts.fault[2] + engine->counts.fault[6] + engine->counts.fault[11]),
+    printf("\n%s: %d stored nodes, %d bytes an entry, %d touchable, field by the %s, law '%s'; "
+           "%llu ticks, %.1f "
+           "contact points (%d to %d), %.1f nodes carry force (most %d), faults %llu\n%-38s %8s "
+           "%8s %8s %8s\n",
+           c->name, info->row_count, (int)pal_precision_size(info->precision),
+           info->touchable_count, c->by == PALPATE_FIELD_BY_SERVO ? "servo" : "reader",
+           engine->law->name, (unsigned long long)ticks, (double)m->contacts / (double)ticks,
+           m->fewest, m->most, (double)m->nodes / (double)ticks, m->nodes_most,
+           (unsigned long long)(engine->counts.fault[2] + engine->counts.fault[6] +
+                                engine->counts.fault[11]),
            "stage [us of thread CPU time]", "p50", "p99", "p99.9", "max");
     for (int k = 0; k < ROWS; k++) {
         pal_quantiles q = pal_histogram_us(&m->time[k]);
@@ -178,9 +187,10 @@ static void report(const bench_case *c, const pal_model_info *info, const pal_en
         }
         printf("%-38s %8.2f %8.2f %8.2f %8.2f%s\n", name[k], q.p50, q.p99, q.p999, q.max, verdict);
         if (csv != NULL) {
-            (void)fprintf(csv, "%s,%s,%d,%s,%.2f,%llu,%.3f,%.3f,%.3f,%.3f\n", c->name, engine->law->name,
-                          info->row_count, name[k], (double)m->contacts / (double)ticks, (unsigned long long)ticks,
-                          q.p50, q.p99, q.p999, q.max);
+            (void)fprintf(csv, "%s,%s,%d,%s,%.2f,%llu,%.3f,%.3f,%.3f,%.3f\n", c->name,
+                          engine->law->name, info->row_count, name[k],
+                          (double)m->contacts / (double)ticks, (unsigned long long)ticks, q.p50,
+                          q.p99, q.p999, q.max);
         }
     }
     (void)fflush(stdout);
@@ -188,7 +198,8 @@ static void report(const bench_case *c, const pal_model_info *info, const pal_en
 
 static int run_case(const bench_case *c, uint64_t ticks, FILE *csv) {
     pal_error error = {0};
-    pal_model *model = c->scene != NULL ? open_scene(c->scene, &error) : half_space(c->precision, c->tolerance, &error);
+    pal_model *model = c->scene != NULL ? open_scene(c->scene, &error)
+                                        : half_space(c->precision, c->tolerance, &error);
     pal_engine *engine = NULL;
     pal_device device = {0};
     static measured m;
@@ -262,9 +273,11 @@ int main(int argc, char **argv) {
     }
     FILE *csv = fopen("bench/results/ticks.csv", "w");
     if (csv != NULL) {
-        (void)fprintf(csv, "case,law,stored_nodes,stage,contacts,ticks,p50_us,p99_us,p999_us,max_us\n");
+        (void)fprintf(csv,
+                      "case,law,stored_nodes,stage,contacts,ticks,p50_us,p99_us,p999_us,max_us\n");
     }
-    printf("a read of the clock takes %lld ns; a tick has %d\n", (long long)clock_cost(), PALPATE_STAGE_COUNT + 1);
+    printf("a read of the clock takes %lld ns; a tick has %d\n", (long long)clock_cost(),
+           PALPATE_STAGE_COUNT + 1);
     int failed = 0;
     for (int k = 0; k < CASES; k++) {
         if (only == 0 || (only & 1u << k) != 0) {

@@ -1,18 +1,22 @@
 /// @file tradeoff.c  Bench: the trade in one picture: settings against error, time and bytes.
 ///
-/// The hemisphere of bench/references (R = 50 mm, nu = 0.45, cap bonded and pushed down 5 mm; finite
-/// elements graded to 2e-6 radii) with a touchable cap of 30 mm, over
-///   method x spacing x stored rows x storage (precision, compression tolerance) x who computes the field
+/// The hemisphere of bench/references (R = 50 mm, nu = 0.45, cap bonded and pushed down 5 mm;
+/// finite elements graded to 2e-6 radii) with a touchable cap of 30 mm, over
+///   method x spacing x stored rows x storage (precision, compression tolerance) x who computes the
+///   field
 /// and for each
 ///   force error         of the bonded cap, down and aside, the worse, against the reference
-///   displacement error  rms over the dome and axis points of the reference, and the rms over all stored
-///                       rows of what storing them costs (against doubles), added in squares; per push
-///   p99 tick            of the scene's own sphere sliding over the pole, thread CPU time (haptic/cost.h)
-///   offline seconds     of the whole pal_precompute (compression included)
+///   displacement error  rms over the dome and axis points of the reference, and the rms over all
+///   stored
+///                       rows of what storing them costs (against doubles), added in squares; per
+///                       push
+///   p99 tick            of the scene's own sphere sliding over the pole, thread CPU time
+///   (haptic/engine/cost.h) offline seconds     of the whole pal_precompute (compression included)
 ///   bytes               of the compliance blocks in memory
-/// A model per method and spacing is built with all rows in double; the others are made from it, so the
-/// clouds are the same and only what is named differs. Pareto front: no other setting is as good in all
-/// five and more than 3 % better in one (a setting without rows has no displacement to be good in).
+/// A model per method and spacing is built with all rows in double; the others are made from it, so
+/// the clouds are the same and only what is named differs. Pareto front: no other setting is as
+/// good in all five and more than 3 % better in one (a setting without rows has no displacement to
+/// be good in).
 ///
 ///     bench/tradeoff [--quick]          (--quick: two spacings)
 /// writes bench/results/tradeoff.csv, tradeoff.png.
@@ -26,10 +30,10 @@
 
 #include <palpate/precompute.h>
 
-#include "haptic/cost.h"
-#include "haptic/model.h"
-#include "src/compress.h"
-#include "src/seconds.h"
+#include "haptic/engine/cost.h"
+#include "haptic/model/model.h"
+#include "src/store/compress.h"
+#include "src/base/seconds.h"
 
 enum { ROWS_MAX = 512, GOALS = 5 };
 static const double R = 0.05, PUSH = 0.005;
@@ -59,7 +63,8 @@ static double number(const json_t *o) {
 }
 
 static const json_t *axial(const json_t *reference, const char *what) {
-    return json_object_get(json_object_get(json_object_get(reference, what), "0.45"), what[0] == 'p' ? "force_z" : "force_x");
+    return json_object_get(json_object_get(json_object_get(reference, what), "0.45"),
+                           what[0] == 'p' ? "force_z" : "force_x");
 }
 
 static pal_model *build(const json_t *reference, const char *method, double spacing) {
@@ -70,22 +75,30 @@ static pal_model *build(const json_t *reference, const char *method, double spac
         return NULL;
     }
     (void)fprintf(f,
-                  "palpate: 1\nbody:\n  geometry: {hemisphere: {radius: %g}}\n  spacing: %.9g\n  material: {young: 1e4, "
-                  "poisson: 0.45}\n  fixed: [{below: {z: 0}}]\n  touchable: [{ball: {center: [0, 0, %g], radius: 0.03}}]\n"
-                  "  patches: {pole: {ball: {center: [0, 0, %g], radius: %.12g}, rim_spacing: %.9g}}\n  probes:\n",
+                  "palpate: 1\nbody:\n  geometry: {hemisphere: {radius: %g}}\n  spacing: %.9g\n  "
+                  "material: {young: 1e4, "
+                  "poisson: 0.45}\n  fixed: [{below: {z: 0}}]\n  touchable: [{ball: {center: [0, "
+                  "0, %g], radius: 0.03}}]\n"
+                  "  patches: {pole: {ball: {center: [0, 0, %g], radius: %.12g}, rim_spacing: "
+                  "%.9g}}\n  probes:\n",
                   R, spacing, R, R, 2 * R * sin(0.1), 0.08 * spacing);
     const json_t *points = json_object_get(json_object_get(reference, "poisson"), "0.45");
     const char *key;
     json_t *value;
     json_object_foreach(json_object_get(points, "dome"), key, value) {
-        (void)fprintf(f, "    d%.0f: [%.12g, 0, %.12g]\n", 100 * atof(key), R * sin(atof(key)), R * cos(atof(key)));
+        (void)fprintf(f, "    d%.0f: [%.12g, 0, %.12g]\n", 100 * atof(key), R * sin(atof(key)),
+                      R * cos(atof(key)));
     }
     json_object_foreach(json_object_get(points, "axis"), key, value) {
         (void)fprintf(f, "    a%.0f: [0, 0, %.12g]\n", 100 * atof(key), R * atof(key));
     }
-    (void)fprintf(f, "method: {kind: %s}\nstore: {displacement: all, precision: double}\ncertify: warn\nestimate: false\n"
-                     "tools:\n  - name: probe\n    shape: {sphere: {radius: 0.006}}\n    start: [0, 0, 0.056]\n    axis: "
-                     "[0, 0, -1]\n    device: {scripted: {kind: circle, depth: 0.003, amplitude: 0.006, ramp: 0.3}}\n",
+    (void)fprintf(f,
+                  "method: {kind: %s}\nstore: {displacement: all, precision: double}\ncertify: "
+                  "warn\nestimate: false\n"
+                  "tools:\n  - name: probe\n    shape: {sphere: {radius: 0.006}}\n    start: [0, "
+                  "0, 0.056]\n    axis: "
+                  "[0, 0, -1]\n    device: {scripted: {kind: circle, depth: 0.003, amplitude: "
+                  "0.006, ramp: 0.3}}\n",
                   method);
     (void)fclose(f);
     pal_error error = {0};
@@ -112,7 +125,8 @@ static void judge(full_model *m, const json_t *reference) {
             double at[3];
             const char *name = pal_model_probe(m->model, p, at), *key;
             json_t *value;
-            json_object_foreach(json_object_get(points, name[0] == 'd' ? "dome" : "axis"), key, value) {
+            json_object_foreach(json_object_get(points, name[0] == 'd' ? "dome" : "axis"), key,
+                                value) {
                 const double *u = press.probe + 3 * (size_t)p;
                 if (fabs(100 * atof(key) - atof(name + 1)) < 0.5) {
                     double e = name[0] == 'd' ? hypot(u[0] - number(json_array_get(value, 0)),
@@ -126,7 +140,8 @@ static void judge(full_model *m, const json_t *reference) {
         pal_press_clear(&press);
     }
     if (pal_model_press(m->model, "pole", aside, &press, NULL) == PALPATE_OK) {
-        m->force_error = fmax(m->force_error, fabs(press.force[0] / number(axial(reference, "lateral")) - 1));
+        m->force_error =
+            fmax(m->force_error, fabs(press.force[0] / number(axial(reference, "lateral")) - 1));
         pal_press_clear(&press);
     }
 }
@@ -180,7 +195,8 @@ static double rounding(full_model *m, const double *truth) {
     const double down[3] = {0, 0, -PUSH};
     pal_press press;
     double sum = 0;
-    if (m->model->info.row_count == 0 || pal_model_press(m->model, "pole", down, &press, NULL) != PALPATE_OK) {
+    if (m->model->info.row_count == 0 ||
+        pal_model_press(m->model, "pole", down, &press, NULL) != PALPATE_OK) {
         return 0;
     }
     size_t n = 3 * (size_t)m->model->info.row_count;
@@ -191,7 +207,8 @@ static double rounding(full_model *m, const double *truth) {
     return sqrt(3 * sum / (double)n) / PUSH;
 }
 
-static void add(const full_model *m, const setting *like, const pal_cost_ticks *ticks, double seconds, double round) {
+static void add(const full_model *m, const setting *like, const pal_cost_ticks *ticks,
+                double seconds, double round) {
     const pal_model_info *i = &m->model->info;
     for (int by = 0; by < (i->row_count > 0 ? 2 : 1) && count < ROWS_MAX; by++) {
         setting *s = &all[count++];
@@ -241,7 +258,10 @@ static int sweep(const json_t *reference, const char *method, double spacing) {
         int32_t rows = strcmp(variants[k].rows, "none") == 0      ? 0
                        : strcmp(variants[k].rows, "surface") == 0 ? m.surface_rows
                                                                   : m.rows;
-        setting s = {.method = method, .spacing = spacing, .rows = variants[k].rows, .storage = variants[k].storage,
+        setting s = {.method = method,
+                     .spacing = spacing,
+                     .rows = variants[k].rows,
+                     .storage = variants[k].storage,
                      .tolerance = variants[k].tolerance};
         pal_cost_ticks ticks;
         ok = restore(&m, rows, variants[k].precision, &error) == PALPATE_OK;
@@ -251,10 +271,9 @@ static int sweep(const json_t *reference, const char *method, double spacing) {
         }
         double packing = pal_seconds_now() - start;
         uint64_t t = 3 * (uint64_t)m.model->info.column_count;
-        m.model->info.bytes =
-            8 * t * t + pal_model_row_bytes(m.model) + 8 * t * 3 * (uint64_t)m.model->info.probe_count;
-        ok = ok &&
-             pal_cost_of_ticks(m.model, 1.0, 3, &ticks, &error) == PALPATE_OK;
+        m.model->info.bytes = 8 * t * t + pal_model_row_bytes(m.model) +
+                              8 * t * 3 * (uint64_t)m.model->info.probe_count;
+        ok = ok && pal_cost_of_ticks(m.model, 1.0, 3, &ticks, &error) == PALPATE_OK;
         if (ok) {
             add(&m, &s, &ticks, seconds + packing, rounding(&m, truth.displacement));
         }
@@ -262,7 +281,8 @@ static int sweep(const json_t *reference, const char *method, double spacing) {
     if (!ok) {
         (void)fprintf(stderr, "bench/tradeoff: %s, %g m: %s\n", method, spacing, error.message);
     }
-    // without a field the ticks of one cloud are the same to the bit whatever is stored: the least time
+    // without a field the ticks of one cloud are the same to the bit whatever is stored: the least
+    // time
     double least = INFINITY;
     for (int k = first; k < count; k++) {
         least = strcmp(all[k].field, "servo") == 0 ? least : fmin(least, all[k].goal[2]);
@@ -300,24 +320,27 @@ static void mark_front(void) {
 }
 
 static void print_all(FILE *csv) {
-    (void)fprintf(csv, "method,spacing,nodes,rows,storage,tolerance,field,stored,force_error,displacement_error,"
-                       "storing_error,p99_tick_us,p99_force_us,offline_s,bytes,pareto\n");
-    printf("%-9s %8s %6s %-8s %-10s %-7s | %8s %8s %9s %9s %9s\n", "method", "spacing", "nodes", "rows", "storage", "field",
-           "force %", "displ. %", "tick us", "offline s", "MB");
+    (void)fprintf(
+        csv,
+        "method,spacing,nodes,rows,storage,tolerance,field,stored,force_error,displacement_error,"
+        "storing_error,p99_tick_us,p99_force_us,offline_s,bytes,pareto\n");
+    printf("%-9s %8s %6s %-8s %-10s %-7s | %8s %8s %9s %9s %9s\n", "method", "spacing", "nodes",
+           "rows", "storage", "field", "force %", "displ. %", "tick us", "offline s", "MB");
     for (int k = 0; k < count; k++) {
         const setting *s = &all[k];
         char shown[24] = "-", stored[32];
         if (isfinite(s->goal[1])) {
             (void)snprintf(shown, sizeof shown, "%.3f", 100 * s->goal[1]);
         }
-        (void)snprintf(stored, sizeof stored, s->tolerance > 0 ? "%s %.0e" : "%s", s->storage, s->tolerance);
-        printf("%-9s %8.4f %6d %-8s %-10s %-7s | %8.3f %8s %9.1f %9.2f %9.2f%s\n", s->method, s->spacing, s->nodes, s->rows,
-               stored, s->field, 100 * s->goal[0], shown, s->goal[2], s->goal[3], 1e-6 * s->goal[4],
-               s->pareto ? "  *" : "");
-        (void)fprintf(csv, "%s,%g,%d,%s,%s,%g,%s,%d,%.6g,%.6g,%.3g,%.2f,%.2f,%.3f,%.0f,%d\n", s->method, s->spacing, s->nodes,
-                      s->rows, s->storage, s->tolerance, s->field, s->stored, s->goal[0],
-                      isfinite(s->goal[1]) ? s->goal[1] : (double)NAN, s->rounding, s->goal[2], s->force_us, s->goal[3],
-                      s->goal[4], s->pareto);
+        (void)snprintf(stored, sizeof stored, s->tolerance > 0 ? "%s %.0e" : "%s", s->storage,
+                       s->tolerance);
+        printf("%-9s %8.4f %6d %-8s %-10s %-7s | %8.3f %8s %9.1f %9.2f %9.2f%s\n", s->method,
+               s->spacing, s->nodes, s->rows, stored, s->field, 100 * s->goal[0], shown, s->goal[2],
+               s->goal[3], 1e-6 * s->goal[4], s->pareto ? "  *" : "");
+        (void)fprintf(csv, "%s,%g,%d,%s,%s,%g,%s,%d,%.6g,%.6g,%.3g,%.2f,%.2f,%.3f,%.0f,%d\n",
+                      s->method, s->spacing, s->nodes, s->rows, s->storage, s->tolerance, s->field,
+                      s->stored, s->goal[0], isfinite(s->goal[1]) ? s->goal[1] : (double)NAN,
+                      s->rounding, s->goal[2], s->force_us, s->goal[3], s->goal[4], s->pareto);
     }
 }
 
@@ -333,20 +356,28 @@ static void plot(void) {
                   {"1e-6*$15", "100*$10", "compliance in memory [MB]", "displacement error [%]"},
                   {"$14", "100*$9", "offline [s]", "force error [%]"}};
     (void)fprintf(g, "set datafile separator ','\nset terminal pngcairo size 1500,560\nset output "
-                     "'bench/results/tradeoff.png'\nset multiplot layout 1,3 title 'Hemisphere, nu = 0.45: every setting; "
-                     "filled: Pareto front over all five goals'\nset logscale xy\nset grid\nset key bottom left\n");
-    static const char *const series[4][3] = {{"cell", "servo", "4"}, {"cell", "render", "6"}, {"galerkin", "servo", "8"},
+                     "'bench/results/tradeoff.png'\nset multiplot layout 1,3 title 'Hemisphere, nu "
+                     "= 0.45: every setting; "
+                     "filled: Pareto front over all five goals'\nset logscale xy\nset grid\nset "
+                     "key bottom left\n");
+    static const char *const series[4][3] = {{"cell", "servo", "4"},
+                                             {"cell", "render", "6"},
+                                             {"galerkin", "servo", "8"},
                                              {"galerkin", "render", "10"}};
     for (int p = 0; p < 3; p++) {
-        (void)fprintf(g, "set xlabel '%s'\nset ylabel '%s'\nplot ", panel[p].name_x, panel[p].name_y);
+        (void)fprintf(g, "set xlabel '%s'\nset ylabel '%s'\nplot ", panel[p].name_x,
+                      panel[p].name_y);
         for (int k = 0; k < 8; k++) {
             int front = k % 2;
             const char *const *s = series[k / 2];
-            (void)fprintf(g, "%s'bench/results/tradeoff.csv' skip 1 using "
-                             "((strcol(1) eq '%s' && (strcol(7) eq '%s' || (strcol(7) eq 'none' && '%s' eq 'servo')) && "
-                             "$16==%d) ? %s : 1/0):(%s) pt %d ps 1.2 lc %d %s%s%s%s%s",
-                          k ? ", " : "", s[0], s[1], s[1], front, panel[p].x, panel[p].y, atoi(s[2]) + front, 1 + k / 2,
-                          front ? "title '" : "notitle", front ? s[0] : "", front ? ", field by " : "", front ? s[1] : "",
+            (void)fprintf(g,
+                          "%s'bench/results/tradeoff.csv' skip 1 using "
+                          "((strcol(1) eq '%s' && (strcol(7) eq '%s' || (strcol(7) eq 'none' && "
+                          "'%s' eq 'servo')) && "
+                          "$16==%d) ? %s : 1/0):(%s) pt %d ps 1.2 lc %d %s%s%s%s%s",
+                          k ? ", " : "", s[0], s[1], s[1], front, panel[p].x, panel[p].y,
+                          atoi(s[2]) + front, 1 + k / 2, front ? "title '" : "notitle",
+                          front ? s[0] : "", front ? ", field by " : "", front ? s[1] : "",
                           front ? "'" : "");
         }
         (void)fprintf(g, "\n");
@@ -361,7 +392,8 @@ static void need(const char *what, double force, double tick, int picture, int g
     for (int k = 0; k < count; k++) {
         const setting *s = &all[k];
         if (s->goal[0] <= force && s->goal[2] <= tick && (!picture || s->stored > 0) &&
-            (picture < 2 || strcmp(s->rows, "all") == 0) && (best == NULL || s->goal[goal] < best->goal[goal])) {
+            (picture < 2 || strcmp(s->rows, "all") == 0) &&
+            (best == NULL || s->goal[goal] < best->goal[goal])) {
             best = s;
         }
     }
@@ -369,9 +401,10 @@ static void need(const char *what, double force, double tick, int picture, int g
         printf("%-58s nothing\n", what);
         return;
     }
-    printf("%-58s %s, spacing %g, rows %s %s, field %s: force %.2f %%, tick %.0f us, %.1f s, %.1f MB\n", what, best->method,
-           best->spacing, best->rows, best->storage, best->field, 100 * best->goal[0], best->goal[2], best->goal[3],
-           1e-6 * best->goal[4]);
+    printf("%-58s %s, spacing %g, rows %s %s, field %s: force %.2f %%, tick %.0f us, %.1f s, %.1f "
+           "MB\n",
+           what, best->method, best->spacing, best->rows, best->storage, best->field,
+           100 * best->goal[0], best->goal[2], best->goal[3], 1e-6 * best->goal[4]);
 }
 
 int main(int argc, char **argv) {

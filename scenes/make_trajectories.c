@@ -4,14 +4,14 @@
 ///     make && cc -Iinclude -I. scenes/make_trajectories.c build/libpalpate.so -Wl,-rpath,build
 ///         -o build/make_trajectories && build/make_trajectories scenes/trajectories
 ///
-/// The strokes are the library's own scripted ones (haptic/stroke.h has the formulas), sampled.
+/// The strokes are the library's own scripted ones (haptic/device/stroke.h has the formulas), sampled.
 /// Each begins `lift` before the tool touches, so that a run shows the first contact. Tremor: three
 /// sines between 8 and 12 Hz, each coordinate within 0.2 mm; 200 Hz keeps linear interpolation
 /// within 2 % of it.
 #include <stdio.h>
 #include <string.h>
 
-#include "haptic/stroke.h"
+#include "haptic/device/stroke.h"
 
 /// A scene's tool where it just touches, and how far its strokes go. The axis is -z everywhere.
 typedef struct place {

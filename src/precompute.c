@@ -11,21 +11,21 @@
 #include <sys/resource.h>
 #include <sys/utsname.h>
 
-#include "haptic/error.h"
-#include "src/seconds.h"
-#include "src/certificate.h"
-#include "src/cloud.h"
-#include "src/compliance.h"
-#include "src/compress.h"
-#include "src/error_estimate.h"
-#include "src/factor.h"
-#include "src/memory_plan.h"
-#include "src/model_cache.h"
-#include "src/model_fill.h"
+#include "haptic/base/error.h"
+#include "src/base/seconds.h"
+#include "src/certificate/certificate.h"
+#include "src/cloud/cloud.h"
+#include "src/solution/compliance.h"
+#include "src/store/compress.h"
+#include "src/certificate/error_estimate.h"
+#include "src/solution/factor.h"
+#include "src/solution/memory_plan.h"
+#include "src/store/model_cache.h"
+#include "src/store/model_fill.h"
 #include "src/precompute.h"
-#include "src/scene.h"
-#include "src/scene_check.h"
-#include "src/skin.h"
+#include "src/scene/scene.h"
+#include "src/cloud/scene_check.h"
+#include "src/cloud/skin.h"
 
 static int cancelled(const pal_progress *progress, const char *stage) {
     return progress != NULL && progress->call != NULL &&
@@ -41,10 +41,11 @@ static void describe_build(pal_model_info *info, const pal_factor_report *factor
         (void)snprintf(machine, sizeof machine, "%.40s %.60s %.20s", host.sysname, host.release,
                        host.machine);
     }
-    (void)snprintf(info->provenance, sizeof info->provenance,
-                   "palpate %s; %s; factor %.3g M entries, %.3g Gflop; refinement steps %d; compiler %s; %s",
-                   pal_version(), factor->kind, 1e-6 * (double)factor->nonzeros, 1e-9 * factor->flops,
-                   compliance->refined, __VERSION__, machine);
+    (void)snprintf(
+        info->provenance, sizeof info->provenance,
+        "palpate %s; %s; factor %.3g M entries, %.3g Gflop; refinement steps %d; compiler %s; %s",
+        pal_version(), factor->kind, 1e-6 * (double)factor->nonzeros, 1e-9 * factor->flops,
+        compliance->refined, __VERSION__, machine);
     if (getrusage(RUSAGE_SELF, &usage) == 0) {
         info->peak_bytes = 1024u * (uint64_t)usage.ru_maxrss;
     }
@@ -85,7 +86,8 @@ pal_status pal_build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const pa
         status = pal_fail(error, PALPATE_ERROR_CANCELLED, "cancelled before assembly");
     }
     if (status == PALPATE_OK) {
-        status = pal_discretize(cloud, fixed, scene->poisson, &scene->method, progress, &system, error);
+        status =
+            pal_discretize(cloud, fixed, scene->poisson, &scene->method, progress, &system, error);
         (void)snprintf(model->info.method_options, sizeof model->info.method_options, "%s",
                        system.options);
         seconds->assemble = pal_seconds_now() - begin;
@@ -99,8 +101,8 @@ pal_status pal_build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const pa
     }
     if (status == PALPATE_OK) {
         begin = pal_seconds_now();
-        status = pal_compliance_solve(&system, factor, scene->young, cloud->length, probes, progress,
-                                      model, &solve_report, error);
+        status = pal_compliance_solve(&system, factor, scene->young, cloud->length, probes,
+                                      progress, model, &solve_report, error);
         seconds->solve = pal_seconds_now() - begin;
     }
     pal_factor_free(factor);
@@ -125,9 +127,10 @@ pal_status pal_build_on_cloud(pal_scene *scene, const pal_cloud *cloud, const pa
     return status;
 }
 
-/// OpenBLAS's threads wait by spinning: on a machine that does anything else they cost more than they
-/// bring, and their sums depend on the number of cores. Our own threads use the cores instead. The
-/// setting is the process's, so calls that overlap share it: the first saves it, the last restores it.
+/// OpenBLAS's threads wait by spinning: on a machine that does anything else they cost more than
+/// they bring, and their sums depend on the number of cores. Our own threads use the cores instead.
+/// The setting is the process's, so calls that overlap share it: the first saves it, the last
+/// restores it.
 static pthread_mutex_t blas_lock = PTHREAD_MUTEX_INITIALIZER;
 static int blas_users, blas_threads;
 
@@ -219,8 +222,8 @@ static pal_status build_model(pal_scene *scene, const pal_progress *progress, pa
     return PALPATE_OK;
 }
 
-/// The same on a coarser cloud, for the estimate of the error. Only cancelling is an error here: without
-/// a second cloud the model is as good as before, and says that nothing was estimated.
+/// The same on a coarser cloud, for the estimate of the error. Only cancelling is an error here:
+/// without a second cloud the model is as good as before, and says that nothing was estimated.
 static pal_status estimate_error(pal_scene *scene, const pal_progress *progress, pal_model *model,
                                  pal_error *error) {
     pal_scene coarse_scene;
@@ -242,9 +245,10 @@ static pal_status estimate_error(pal_scene *scene, const pal_progress *progress,
     if (status == PALPATE_ERROR_CANCELLED) {
         return pal_fail(error, status, "%s", why.message);
     }
-    return status == PALPATE_OK ? PALPATE_OK
-                                : pal_scene_warn(scene, NULL, "the discretization error is not estimated: %s",
-                                                 why.message);
+    return status == PALPATE_OK
+               ? PALPATE_OK
+               : pal_scene_warn(scene, NULL, "the discretization error is not estimated: %s",
+                                why.message);
 }
 
 static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_progress *progress,
@@ -262,23 +266,26 @@ static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_pr
     *out = model;
     const pal_model_info *info = &model->info;
     if (info->field_tolerance > 0 && info->field_error > info->field_tolerance) {
-        status = pal_scene_warn(scene, NULL,
-                                "store.tolerance: %g is asked for, double precision errs by %.1e over sampled "
-                                "contacts; fields are single precision: use 1e-6 or more",
-                                info->field_tolerance, info->field_error);
+        status = pal_scene_warn(
+            scene, NULL,
+            "store.tolerance: %g is asked for, double precision errs by %.1e over sampled "
+            "contacts; fields are single precision: use 1e-6 or more",
+            info->field_tolerance, info->field_error);
         if (status != PALPATE_OK) {
             return status;
         }
     }
     const pal_certificate *c = &model->info.certificate;
     if (!c->pass && scene->certify_warn) {
-        return pal_scene_warn(scene, NULL, "the model does not pass its certificate: %s", c->reason);
+        return pal_scene_warn(scene, NULL, "the model does not pass its certificate: %s",
+                              c->reason);
     }
     if (!c->pass) {
-        return pal_fail(error, PALPATE_ERROR_CERTIFICATE,
-                        "the model does not pass its certificate: %s; to write it all the same, set "
-                        "certify: warn",
-                        c->reason);
+        return pal_fail(
+            error, PALPATE_ERROR_CERTIFICATE,
+            "the model does not pass its certificate: %s; to write it all the same, set "
+            "certify: warn",
+            c->reason);
     }
     return PALPATE_OK;
 }

@@ -2,9 +2,9 @@
 #ifndef PALPATE_SRC_PRECOMPUTE_H
 #define PALPATE_SRC_PRECOMPUTE_H
 
-#include "src/cloud.h"
-#include "src/scene.h"
-#include "src/scene_check.h"
+#include "src/cloud/cloud.h"
+#include "src/scene/scene.h"
+#include "src/cloud/scene_check.h"
 
 /// Fill, assemble, factor, solve, certify. `model` is a new one; on failure the caller frees it.
 /// @return as pal_precompute

@@ -1,7 +1,8 @@
-/// @file block.h  Laying out arrays in one block of memory, each on a cache line of its own (private).
+/// @file block.h  Laying out arrays in one block of memory, each on a cache line of its own
+/// (private).
 ///
-/// Whoever lives in a block sized at creation counts its bytes and places its arrays by the same steps.
-/// Pure arithmetic, any thread.
+/// Whoever lives in a block sized at creation counts its bytes and places its arrays by the same
+/// steps. Pure arithmetic, any thread.
 #ifndef PALPATE_HAPTIC_BLOCK_H
 #define PALPATE_HAPTIC_BLOCK_H
 
@@ -21,7 +22,8 @@ static inline void *pal_block_take(unsigned char **at, size_t bytes) {
     return here;
 }
 
-/// Count an array of `bytes` in the offset `at`; where `memory` is not NULL, let `field` point to it.
+/// Count an array of `bytes` in the offset `at`; where `memory` is not NULL, let `field` point to
+/// it.
 #define PALPATE_BLOCK_PLACE(memory, at, field, bytes)                                              \
     do {                                                                                           \
         if ((memory) != NULL) {                                                                    \

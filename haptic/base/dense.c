@@ -7,7 +7,7 @@
 /// that the compiler lowers to whatever the target has; on x86-64 the same source is compiled a
 /// second time for AVX2 (without FMA) and chosen at run time. Algorithms: Golub and Van Loan,
 /// Matrix Computations, 4th ed., 3.2 (LU), 4.2 (Cholesky), 6.5.4 (removing a row and column).
-#include "haptic/dense.h"
+#include "haptic/base/dense.h"
 
 #include <math.h>
 #include <stddef.h>

@@ -9,7 +9,8 @@
 PALPATE_API pal_status pal_fail(pal_error *error, pal_status status, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
-/// Put "prefix: " in front of the message already there. @return error->status (or `status` if NULL).
+/// Put "prefix: " in front of the message already there. @return error->status (or `status` if
+/// NULL).
 PALPATE_API pal_status pal_fail_prefix(pal_error *error, pal_status status, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 

@@ -5,7 +5,7 @@
 /// is padded with zeros and marked by inverting word 14. Words are little endian; bytes are put
 /// together by shifts, so the result does not depend on the machine's byte order.
 /// Thread: any; all state is in the caller's pal_hash.
-#include "haptic/hash.h"
+#include "haptic/base/hash.h"
 
 #include <string.h>
 

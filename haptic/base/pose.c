@@ -3,7 +3,7 @@
 /// Rotation by a unit quaternion (w, q):  R v = v + 2 w (q x v) + 2 q x (q x v), which is exact for
 /// the identity. A tool position x_d in the device frame is  x_w = R_d (s x_d) + p_d  in the world
 /// and  x_b = R_b^T (x_w - p_b)  in the body; both steps are folded into one pose at creation.
-#include "haptic/pose.h"
+#include "haptic/base/pose.h"
 
 #include <math.h>
 

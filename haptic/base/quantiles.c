@@ -1,5 +1,5 @@
 /// @file quantiles.c  Log-linear histogram of nanoseconds (layout and error bound: quantiles.h).
-#include "haptic/quantiles.h"
+#include "haptic/base/quantiles.h"
 
 #include <math.h>
 #include <stdlib.h>

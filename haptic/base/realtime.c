@@ -1,5 +1,5 @@
 /// @file realtime.c  Scheduling, core, memory and floating-point mode of the servo thread.
-#include "haptic/realtime.h"
+#include "haptic/base/realtime.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -1,9 +1,9 @@
 /// @file stages.h  A clock for the stages of a tick, for benches (private).
 ///
 /// An engine has none: a tick then pays one test of a pointer per stage. A bench hangs one into
-/// pal_engine.stages, starts it before the tick and reads the nanoseconds after it. The clock itself is
-/// the bench's choice: CLOCK_THREAD_CPUTIME_ID does not count what the host's other work took away, but
-/// it is a system call, which the real-time path must not make.
+/// pal_engine.stages, starts it before the tick and reads the nanoseconds after it. The clock
+/// itself is the bench's choice: CLOCK_THREAD_CPUTIME_ID does not count what the host's other work
+/// took away, but it is a system call, which the real-time path must not make.
 ///
 /// Thread: the servo's (or the bench's in its place).
 #ifndef PALPATE_HAPTIC_STAGES_H

@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 const char *pal_status_name(pal_status status) {
     switch (status) {
@@ -33,7 +33,7 @@ const char *pal_version(void) {
     return PALPATE_VERSION;
 }
 
-pal_status (pal_fail)(pal_error *error, pal_status status, const char *format, ...) {
+pal_status(pal_fail)(pal_error *error, pal_status status, const char *format, ...) {
     if (error != NULL) {
         va_list args;
         va_start(args, format);
@@ -44,7 +44,7 @@ pal_status (pal_fail)(pal_error *error, pal_status status, const char *format, .
     return status;
 }
 
-pal_status (pal_fail_prefix)(pal_error *error, pal_status status, const char *format, ...) {
+pal_status(pal_fail_prefix)(pal_error *error, pal_status status, const char *format, ...) {
     if (error == NULL) {
         return status;
     }

@@ -22,15 +22,13 @@
 /// where they were on the tool, pulled or not.
 ///
 /// The tool comes from outside: contact begins only with nodes whose outside the tool was on.
-#include "haptic/contact.h"
+#include "haptic/contact/contact.h"
 
 #include <string.h>
 
-#include "haptic/block.h"
-#include "haptic/contact_nodes.h"
-#include "haptic/error.h"
-
-
+#include "haptic/base/block.h"
+#include "haptic/contact/contact_nodes.h"
+#include "haptic/base/error.h"
 
 // ---- Memory -------------------------------------------------------------------------------------
 

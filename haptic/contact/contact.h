@@ -14,8 +14,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "haptic/model.h"
-#include "haptic/stages.h"
+#include "haptic/model/model.h"
+#include "haptic/base/stages.h"
 #include <palpate/engine.h>
 
 /// What a law is made for.

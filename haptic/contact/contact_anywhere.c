@@ -1,38 +1,39 @@
 /// @file contact_anywhere.c  Contact law "surface": contact points anywhere on the rest surface.
 ///
 /// Each tool carries a pattern of contact points that moves and grows with it (contact_touch.c).
-/// Displacement at a point is interpolated from the nodes around it, u = Phi U, and its force acts on
-/// them with the same weights, F = Phi^T f (virtual work), so the compliance between points is Phi C
-/// Phi^T, of which the part that the nodes cannot resolve is replaced by the half-space's own
-/// (working_set.h, contact_system.c). Contact is linearised about the rest shape: forces act along the
-/// rest surface's normals, and gaps w = q + M z and forces z are complementary (complementarity.h), for
-/// all tools in one system, coupled through the body.
+/// Displacement at a point is interpolated from the nodes around it, u = Phi U, and its force acts
+/// on them with the same weights, F = Phi^T f (virtual work), so the compliance between points is
+/// Phi C Phi^T, of which the part that the nodes cannot resolve is replaced by the half-space's own
+/// (working_set.h, contact_system.c). Contact is linearised about the rest shape: forces act along
+/// the rest surface's normals, and gaps w = q + M z and forces z are complementary
+/// (complementarity.h), for all tools in one system, coupled through the body.
 ///
-/// Virtual coupling, solved together with the contact. Device at p_d, proxy at p, spring k, damper b,
-/// period h; backward Euler for the damper makes the coupling a spring to a free position:
+/// Virtual coupling, solved together with the contact. Device at p_d, proxy at p, spring k, damper
+/// b, period h; backward Euler for the damper makes the coupling a spring to a free position:
 ///     f = k (p_d - p) + b/h ((p_d - p_d') - (p - p')) = k_eff (p_free - p),   k_eff = k + b/h,
 ///     p_free = (k p_d + b/h (p' + p_d - p_d')) / k_eff      (': last tick)
-/// A massless proxy balances contact and coupling, f = sum of contact forces, which is 1/k_eff between
-/// all points of the tool in M and gaps taken at p_free. The proxy has the device's orientation.
+/// A massless proxy balances contact and coupling, f = sum of contact forces, which is 1/k_eff
+/// between all points of the tool in M and gaps taken at p_free. The proxy has the device's
+/// orientation.
 ///
-/// Grasp. What a tool touches when its button closes is held to it, in all three directions, until it
-/// opens; nothing else of it touches meanwhile (contact_grasp.c).
+/// Grasp. What a tool touches when its button closes is held to it, in all three directions, until
+/// it opens; nothing else of it touches meanwhile (contact_grasp.c).
 ///
-/// Friction (Coulomb, circular cone: friction.h) adds two rows to a point: the slip of the body against
-/// the tool since the last tick (contact_friction.c); its force acts where the tool touches, with its
-/// torque, so that a twist about the normal is resisted too.
+/// Friction (Coulomb, circular cone: friction.h) adds two rows to a point: the slip of the body
+/// against the tool since the last tick (contact_friction.c); its force acts where the tool
+/// touches, with its torque, so that a twist about the normal is resisted too.
 ///
 /// Torque. The normal force of a contact passes through the centre of the ball it comes from, so a
 /// sphere and a point feel none and a capsule that of forces at its axis.
 ///
 /// Memory: one block. Everything is bounded by counts; no state but the last tick's.
-#include "haptic/contact_anywhere.h"
+#include "haptic/contact/contact_anywhere.h"
 
 #include <string.h>
 
-#include "haptic/block.h"
-#include "haptic/error.h"
-#include "haptic/pose.h"
+#include "haptic/base/block.h"
+#include "haptic/base/error.h"
+#include "haptic/base/pose.h"
 
 enum { NODES_PER_POINT = 14, NODES_SPARE = 24, WEIGHT_NODES = 6 };
 
@@ -45,8 +46,7 @@ static pal_status anywhere_check(const pal_model *model, const pal_contact_def *
         const pal_tool_def *tool = &def->tools[t];
         if (!(tool->friction >= 0.0 && isfinite(tool->friction))) {
             return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                            "tools[%d].friction: %g: must not be negative", (int)t,
-                            tool->friction);
+                            "tools[%d].friction: %g: must not be negative", (int)t, tool->friction);
         }
         if (!(tool->coupling_stiffness >= 0.0 && isfinite(tool->coupling_stiffness)) ||
             !(tool->coupling_damping >= 0.0 && isfinite(tool->coupling_damping))) {
@@ -107,7 +107,8 @@ static void lay_out(anywhere_tool *tool, const pal_tool_def *def, int32_t first,
 // ---- Memory -------------------------------------------------------------------------------------
 
 static size_t y_stride(const pal_model *model, const pal_contact_def *def) {
-    return pal_block_padded(3 * (size_t)node_capacity(model, def) * sizeof(double)) / sizeof(double);
+    return pal_block_padded(3 * (size_t)node_capacity(model, def) * sizeof(double)) /
+           sizeof(double);
 }
 
 static int has_friction(const pal_contact_def *def) {
@@ -121,24 +122,27 @@ static int has_friction(const pal_contact_def *def) {
 /// Of what contact_friction.c keeps.
 static size_t past_bytes(const pal_model *model, const pal_contact_def *def) {
     size_t points = (size_t)point_capacity(def), nodes = (size_t)node_capacity(model, def);
-    return has_friction(def) ? pal_block_padded(points * sizeof(anywhere_trace)) +
-                                   pal_block_padded(nodes * sizeof(int32_t)) +
-                                   3 * pal_block_padded(3 * nodes * sizeof(double)) + pal_block_padded(nodes)
-                             : 0;
+    return has_friction(def)
+               ? pal_block_padded(points * sizeof(anywhere_trace)) +
+                     pal_block_padded(nodes * sizeof(int32_t)) +
+                     3 * pal_block_padded(3 * nodes * sizeof(double)) + pal_block_padded(nodes)
+               : 0;
 }
 
 static size_t anywhere_bytes(const pal_model *model, const pal_contact_def *def) {
     size_t points = (size_t)point_capacity(def), rows = 3 * points;
     size_t nodes = 3 * (size_t)node_capacity(model, def);
-    return pal_block_padded(sizeof(anywhere_law)) + pal_rest_bytes(model) + pal_weights_bytes(model) +
-           pal_near_bytes(model) + pal_working_set_bytes(model, node_capacity(model, def)) +
-           pal_block_padded(points * sizeof(anywhere_point)) + pal_block_padded(points * sizeof(anywhere_held)) +
+    return pal_block_padded(sizeof(anywhere_law)) + pal_rest_bytes(model) +
+           pal_weights_bytes(model) + pal_near_bytes(model) +
+           pal_working_set_bytes(model, node_capacity(model, def)) +
+           pal_block_padded(points * sizeof(anywhere_point)) +
+           pal_block_padded(points * sizeof(anywhere_held)) +
            pal_block_padded(rows * y_stride(model, def) * sizeof(double)) +
-           pal_block_padded(rows * rows * sizeof(double)) + 4 * pal_block_padded(rows * sizeof(double)) +
-           pal_block_padded(points * sizeof(double)) + 2 * pal_block_padded(points) +
-           pal_block_padded(pal_friction_bytes((int32_t)points)) +
-           2 * pal_block_padded(nodes * sizeof(double)) + pal_block_padded(nodes * sizeof(int32_t)) +
-           past_bytes(model, def);
+           pal_block_padded(rows * rows * sizeof(double)) +
+           4 * pal_block_padded(rows * sizeof(double)) + pal_block_padded(points * sizeof(double)) +
+           2 * pal_block_padded(points) + pal_block_padded(pal_friction_bytes((int32_t)points)) +
+           2 * pal_block_padded(nodes * sizeof(double)) +
+           pal_block_padded(nodes * sizeof(int32_t)) + past_bytes(model, def);
 }
 
 static void anywhere_reset(void *self) {
@@ -192,8 +196,9 @@ static void *anywhere_init(void *memory, const pal_model *model, const pal_conta
     pal_weights_init(&law->weights, model, &law->surface, WEIGHT_NODES, PALPATE_WEIGHTS_POWER,
                      pal_block_take(&at, pal_weights_bytes(model)));
     pal_near_init(&law->near, model, &law->surface, 2, pal_block_take(&at, pal_near_bytes(model)));
-    pal_working_set_init(&law->set, &law->near, node_capacity(model, def),
-                         pal_block_take(&at, pal_working_set_bytes(model, node_capacity(model, def))));
+    pal_working_set_init(
+        &law->set, &law->near, node_capacity(model, def),
+        pal_block_take(&at, pal_working_set_bytes(model, node_capacity(model, def))));
     law->point = pal_block_take(&at, points * sizeof *law->point);
     law->held = pal_block_take(&at, points * sizeof *law->held);
     law->y = pal_block_take(&at, rows * y_stride(model, def) * sizeof(double));
@@ -232,9 +237,9 @@ static void place(anywhere_law *law, int32_t t, const pal_pose *device) {
     if (tool->yield > 0.0 && tool->has_before) {
         for (int i = 0; i < 3; i++) {
             double moved = tool->proxy[i] + device->position[i] - tool->device[i];
-            tool->free.position[i] = (def->coupling_stiffness * device->position[i] +
-                                      tool->damping * moved) *
-                                     tool->yield;
+            tool->free.position[i] =
+                (def->coupling_stiffness * device->position[i] + tool->damping * moved) *
+                tool->yield;
         }
     }
     memcpy(tool->device, device->position, sizeof tool->device);
@@ -247,8 +252,8 @@ static void add_cross(const double a[3], const double f[3], double sum[3]) {
     sum[2] += a[0] * f[1] - a[1] * f[0];
 }
 
-/// Torque about the tool's origin of a point's force f: that of a held one acts where it is held; the
-/// normal part of another acts at the tool's axis, friction where the tool touches.
+/// Torque about the tool's origin of a point's force f: that of a held one acts where it is held;
+/// the normal part of another acts at the tool's axis, friction where the tool touches.
 static void add_torque(const anywhere_tool *tool, const anywhere_point *point, const double f[3],
                        double torque[3]) {
     const pal_solid *solid = &tool->solid;

@@ -1,26 +1,26 @@
 /// @file contact_anywhere.h  Data and parts of the contact law "surface" (private to contact_*.c).
 ///
-/// contact_anywhere.c explains the law and holds its memory and its tick; contact_touch.c finds where
-/// tools overlap the rest surface and spreads contact points there; contact_system.c builds the
-/// compliance between the points and solves it; contact_grasp.c holds points to a closed tool;
+/// contact_anywhere.c explains the law and holds its memory and its tick; contact_touch.c finds
+/// where tools overlap the rest surface and spreads contact points there; contact_system.c builds
+/// the compliance between the points and solves it; contact_grasp.c holds points to a closed tool;
 /// contact_friction.c keeps what friction needs to know of the last tick.
 #ifndef PALPATE_HAPTIC_CONTACT_ANYWHERE_H
 #define PALPATE_HAPTIC_CONTACT_ANYWHERE_H
 
 #include <math.h>
 
-#include "haptic/contact.h"
-#include "haptic/contact_pattern.h"
-#include "haptic/contact_surface.h"
-#include "haptic/contact_weights.h"
-#include "haptic/friction.h"
-#include "haptic/solid.h"
-#include "haptic/working_set.h"
+#include "haptic/contact/contact.h"
+#include "haptic/contact/contact_pattern.h"
+#include "haptic/contact/contact_surface.h"
+#include "haptic/contact/contact_weights.h"
+#include "haptic/solver/friction.h"
+#include "haptic/contact/solid.h"
+#include "haptic/contact/working_set.h"
 
 enum { PALPATE_STATIONS_MAX = 18, PALPATE_POINTS_MAX = 64 };
 
-/// A ball of the tool: its own contact with the surface, and the pattern of points under it. A sphere or
-/// point is one station, a capsule a row of them along its axis.
+/// A ball of the tool: its own contact with the surface, and the pattern of points under it. A
+/// sphere or point is one station, a capsule a row of them along its axis.
 typedef struct anywhere_station {
     double along;   ///< place on the tool's axis [m], tip end negative
     double length;  ///< of the shaft it stands for [m]; 0: a ball of its own
@@ -33,8 +33,8 @@ typedef struct anywhere_station {
     int known;            ///< centre and outside are those of the last tick
     int outside;          ///< the centre was outside the body, or came from there
     int engaged;          ///< it touches
-    double drag[3];       ///< friction: mean displacement of the body under it, along the surface [m]
-    double stuck;         ///< friction: part of the normal force on points that stick
+    double drag[3]; ///< friction: mean displacement of the body under it, along the surface [m]
+    double stuck;   ///< friction: part of the normal force on points that stick
     // ---- of this tick
     double depth;    ///< overlap with the rest surface before coupling gives way [m]
     double shift[3]; ///< friction: from the free pose to where the pattern is laid out [m]
@@ -43,18 +43,18 @@ typedef struct anywhere_station {
 /// A contact point of this tick.
 typedef struct anywhere_point {
     int32_t tool, station;
-    int32_t id;       ///< the same from tick to tick
-    double x[3];      ///< on the rest surface [m]
-    double normal[3]; ///< outward
+    int32_t id;         ///< the same from tick to tick
+    double x[3];        ///< on the rest surface [m]
+    double normal[3];   ///< outward
     double along[3][3]; ///< directions of its rows: -normal, two tangents; [row][component]
-    double q[3]; ///< gap and slips with the tool at its free pose, without force [m]
-    double mu;   ///< friction; < 0: held (friction.h)
-    double arm[3]; ///< from the tool's origin to where it touches [m]
-    int32_t rows;  ///< 1, or 3 where mu is not 0
-    int32_t first; ///< its first row in the system
-    double area;      ///< [m^2]
-    double width;     ///< w: compliance with itself is coefficient / (2 w) [m]
-    double fade;      ///< 0..1: towards the rim of the touchable region it grows infinitely soft
+    double q[3];        ///< gap and slips with the tool at its free pose, without force [m]
+    double mu;          ///< friction; < 0: held (friction.h)
+    double arm[3];      ///< from the tool's origin to where it touches [m]
+    int32_t rows;       ///< 1, or 3 where mu is not 0
+    int32_t first;      ///< its first row in the system
+    double area;        ///< [m^2]
+    double width;       ///< w: compliance with itself is coefficient / (2 w) [m]
+    double fade;        ///< 0..1: towards the rim of the touchable region it grows infinitely soft
     pal_weights phi;
     int32_t slot[PALPATE_WEIGHTS_MAX]; ///< of phi's nodes in the working set
 } anywhere_point;
@@ -80,13 +80,13 @@ typedef struct anywhere_tool {
     double damping;      ///< b / period [N/m]
     // ---- state
     int has_before;
-    int closed;         ///< last tick's button
-    int32_t held_count; ///< points held; > 0: no other point of the tool touches
+    int closed;          ///< last tick's button
+    int32_t held_count;  ///< points held; > 0: no other point of the tool touches
     anywhere_held *held; ///< shape [points of a tool]
-    double device[3]; ///< device position in the last tick [m]
-    double proxy[3];  ///< proxy position in the last tick [m]
-    pal_pose last;    ///< free pose in the last tick
-    double force[3];  ///< on the body in the last tick [N]
+    double device[3];    ///< device position in the last tick [m]
+    double proxy[3];     ///< proxy position in the last tick [m]
+    pal_pose last;       ///< free pose in the last tick
+    double force[3];     ///< on the body in the last tick [N]
     // ---- of this tick
     pal_pose free;   ///< where the coupling alone would put the proxy
     pal_solid solid; ///< there
@@ -110,19 +110,19 @@ typedef struct anywhere_law {
     anywhere_held *held;   ///< of all tools, shape [capacity]
     // ---- contact_system.c
     int32_t rows;
-    int32_t ld;        ///< of y
-    double *y;         ///< R Phi^T of each point [m/N], shape [ld, 3 capacity]: in its columns first,
-                       ///< .. along x, y, z; where rows = 1 in the one along its row
-    double *m;         ///< compliance of the rows, column-major, ld = rows [m/N]
-    double *q, *z, *w; ///< shape [3 capacity]
-    double *mu;        ///< of the points, shape [capacity]
-    uint8_t *state;    ///< pal_friction_point of the points, shape [capacity]
-    uint8_t *before;   ///< the same by identity, of the last tick, shape [capacity]
+    int32_t ld; ///< of y
+    double *y;  ///< R Phi^T of each point [m/N], shape [ld, 3 capacity]: in its columns first,
+                ///< .. along x, y, z; where rows = 1 in the one along its row
+    double *m;  ///< compliance of the rows, column-major, ld = rows [m/N]
+    double *q, *z, *w;    ///< shape [3 capacity]
+    double *mu;           ///< of the points, shape [capacity]
+    uint8_t *state;       ///< pal_friction_point of the points, shape [capacity]
+    uint8_t *before;      ///< the same by identity, of the last tick, shape [capacity]
     double *force_before; ///< by identity: forces of the last tick [N], shape [capacity, 3]
     void *work;
-    double *nodal;  ///< force on the nodes of the working set [N], shape [3 set.capacity]
-    int32_t *dof;   ///< shape [3 set.capacity]
-    double *force;  ///< shape [3 set.capacity]
+    double *nodal; ///< force on the nodes of the working set [N], shape [3 set.capacity]
+    int32_t *dof;  ///< shape [3 set.capacity]
+    double *force; ///< shape [3 set.capacity]
     // ---- contact_friction.c: the last tick, kept where a tool has friction
     int frictional;
     int32_t traces;
@@ -147,7 +147,8 @@ int32_t pal_anywhere_solve(anywhere_law *law);
 /// Displacement of the body at point i under the forces of the solution [m]; law->nodal must hold
 /// their nodal forces.
 void pal_anywhere_displacement(anywhere_law *law, int32_t i, double u[3]);
-/// Displacement at the point under the forces of `law->trace` through the half-space's own part K [m].
+/// Displacement at the point under the forces of `law->trace` through the half-space's own part K
+/// [m].
 void pal_anywhere_trace(const anywhere_law *law, const anywhere_point *point, double u[3]);
 /// sum_k phi_k v_k over the point's nodes, v by slots.
 void pal_anywhere_sample(const anywhere_point *point, const double *v, double u[3]);

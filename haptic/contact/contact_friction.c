@@ -1,30 +1,33 @@
 /// @file contact_friction.c  Law "surface": what friction knows of the last tick.
 ///
 /// Coulomb's law asks for the slip of the body against the tool, which is incremental: with u the
-/// displacement of the material now under point i, then (') and now, and d the motion of the tool there,
+/// displacement of the material now under point i, then (') and now, and d the motion of the tool
+/// there,
 ///
 ///     w_t = [u_i - u_i' - d_i]_t,   u_i = [C F]_i,   d_i = p - p' + arm_i - Q^T arm_i,
 ///
-/// Q the tool's turn since the last tick; p = p_free - sum f / k behind a coupling (contact_system.c).
-/// u' is taken at this tick's points from the forces of the last: R F' on the nodes (those that have
-/// joined the working set are computed anew) and K between this tick's points and the last's. So a point
-/// that has moved along the body finds the displacement that was there, and where nothing moves w = 0
-/// for the forces of the last tick: nothing drifts.
+/// Q the tool's turn since the last tick; p = p_free - sum f / k behind a coupling
+/// (contact_system.c). u' is taken at this tick's points from the forces of the last: R F' on the
+/// nodes (those that have joined the working set are computed anew) and K between this tick's
+/// points and the last's. So a point that has moved along the body finds the displacement that was
+/// there, and where nothing moves w = 0 for the forces of the last tick: nothing drifts.
 ///
-/// Pattern. A tool that sticks carries the material along. Of the material X, now at X + u, the tool at p
-/// touches X = p - u: the pattern is laid out under p - drag, drag being the mean displacement under
-/// the station along the surface, weighted by the normal forces, in the last tick, plus the part of
-/// the tool's motion since by which sticking points will follow it. So a stuck pattern stays on its
-/// material, a sliding one runs ahead with the tool. The free pose behind a coupling lies ahead of the
-/// proxy by sum f' / k, which is taken off likewise. Gaps are those of the shifted tool less the
-/// shift's own normal part, which M has already: the shift changes them by curvature only.
+/// Pattern. A tool that sticks carries the material along. Of the material X, now at X + u, the
+/// tool at p touches X = p - u: the pattern is laid out under p - drag, drag being the mean
+/// displacement under the station along the surface, weighted by the normal forces, in the last
+/// tick, plus the part of the tool's motion since by which sticking points will follow it. So a
+/// stuck pattern stays on its material, a sliding one runs ahead with the tool. The free pose
+/// behind a coupling lies ahead of the proxy by sum f' / k, which is taken off likewise. Gaps are
+/// those of the shifted tool less the shift's own normal part, which M has already: the shift
+/// changes them by curvature only.
 #include <string.h>
 
-#include "haptic/contact_anywhere.h"
-#include "haptic/pose.h"
+#include "haptic/contact/contact_anywhere.h"
+#include "haptic/base/pose.h"
 
-/// Weight in the drag of a point without normal force, as a part of the tool's force: were a station
-/// that loses its force laid out without drag, it could win and lose it for ever under a tool at rest.
+/// Weight in the drag of a point without normal force, as a part of the tool's force: were a
+/// station that loses its force laid out without drag, it could win and lose it for ever under a
+/// tool at rest.
 static const double UNLOADED = 1e-6;
 
 /// v less its part along n.

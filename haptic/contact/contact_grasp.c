@@ -1,14 +1,14 @@
 /// @file contact_grasp.c  Law "surface": points held to a closed tool.
 ///
-/// At closing every point that carries force is kept with its place on the body, its weights Phi_i and
-/// the place in the tool's frame where it then is, T^-1 (x_i + u_i). From the next tick on the body
-/// must move there with the tool, u_i = T(local_i) - x_i in all three directions, whatever the force:
-/// three rows with w = 0 and q = -target.e (friction.h: held). At an unmoved pose these are met by the
-/// very forces of closing, so closing changes nothing.
+/// At closing every point that carries force is kept with its place on the body, its weights Phi_i
+/// and the place in the tool's frame where it then is, T^-1 (x_i + u_i). From the next tick on the
+/// body must move there with the tool, u_i = T(local_i) - x_i in all three directions, whatever the
+/// force: three rows with w = 0 and q = -target.e (friction.h: held). At an unmoved pose these are
+/// met by the very forces of closing, so closing changes nothing.
 #include <string.h>
 
-#include "haptic/contact_anywhere.h"
-#include "haptic/pose.h"
+#include "haptic/contact/contact_anywhere.h"
+#include "haptic/base/pose.h"
 
 void pal_anywhere_hold(anywhere_law *law, int32_t t) {
     const anywhere_tool *tool = &law->tool[t];

@@ -8,17 +8,17 @@
 
 #include <math.h>
 
-#include "haptic/active_set.h"
-#include "haptic/contact.h"
-#include "haptic/grid.h"
-#include "haptic/solid.h"
+#include "haptic/solver/active_set.h"
+#include "haptic/contact/contact.h"
+#include "haptic/contact/grid.h"
+#include "haptic/contact/solid.h"
 
 /// A touchable node's contact state; counters belong to the tick in `stamp`.
 typedef struct node_state {
     double offset[3]; ///< touched: tau [m]; held: position in the tool's frame [m]
     uint64_t stamp;
     int32_t listed; ///< index in the list of new contacts, -1
-    int16_t owner;   ///< tool, -1: free
+    int16_t owner;  ///< tool, -1: free
     int8_t held;
     int8_t let_go;  ///< times in this tick
     int8_t dropped; ///< left out in this tick

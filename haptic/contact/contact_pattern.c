@@ -1,19 +1,20 @@
 /// @file contact_pattern.c  Points on rings in the unit disc.
 ///
 /// n points in all, rings of m_k points: the ring's cells fill the annulus between the radii with
-/// n r^2 = (points inside it) and (points inside it) + m_k; its points sit at the annulus' radius of
-/// gyration, every other ring turned by half a step.
+/// n r^2 = (points inside it) and (points inside it) + m_k; its points sit at the annulus' radius
+/// of gyration, every other ring turned by half a step.
 ///
 /// Calibration of `self`. Between two cells at distance r the half-space gives coefficient / r
 /// (Boussinesq); the compliance of a cell with itself is that of its own load, coefficient * self /
-/// sqrt(area), with `self` between 3.0 (mean over a uniformly loaded disc: 16 / (3 pi) sqrt(pi)) and 3.9
-/// (the lattice sum that makes sum_j A_j / r_ij + sqrt(A) self an exact quadrature of 1/r: Wigner's
-/// constant, 3.9002 square, 3.9210 hexagonal). A rigid ball on a half-space with the pattern's radius
-/// proportional to sqrt(R d) is the same problem at every depth. `scale` is where its force is
-/// stationary in the pattern's radius, so that a contact that a thin body, a curved one or a neighbour
-/// makes 5 % wider or narrower still has its force within 0.4 %; `self` makes that force Hertz's, 4/3
-/// E* sqrt(R) d^(3/2). tests/haptic/test_contact_anywhere.c computes both anew.
-#include "haptic/contact_pattern.h"
+/// sqrt(area), with `self` between 3.0 (mean over a uniformly loaded disc: 16 / (3 pi) sqrt(pi))
+/// and 3.9 (the lattice sum that makes sum_j A_j / r_ij + sqrt(A) self an exact quadrature of 1/r:
+/// Wigner's constant, 3.9002 square, 3.9210 hexagonal). A rigid ball on a half-space with the
+/// pattern's radius proportional to sqrt(R d) is the same problem at every depth. `scale` is where
+/// its force is stationary in the pattern's radius, so that a contact that a thin body, a curved
+/// one or a neighbour makes 5 % wider or narrower still has its force within 0.4 %; `self` makes
+/// that force Hertz's, 4/3 E* sqrt(R) d^(3/2). tests/haptic/test_contact_anywhere.c computes both
+/// anew.
+#include "haptic/contact/contact_pattern.h"
 
 #include <math.h>
 #include <stddef.h>
@@ -69,8 +70,10 @@ void pal_pattern_init(pal_pattern *pattern, int32_t points) {
     for (size_t k = 1; k < sizeof TABLE / sizeof TABLE[0]; k++) {
         t = TABLE[k].count <= points ? &TABLE[k] : t;
     }
-    *pattern = (pal_pattern){.count = t->count, .share = 3.14159265358979324 / t->count,
-                             .self = t->self, .scale = t->scale};
+    *pattern = (pal_pattern){.count = t->count,
+                             .share = 3.14159265358979324 / t->count,
+                             .self = t->self,
+                             .scale = t->scale};
     int32_t at = 1; // the centre stays at 0
     for (int k = 1; k < RINGS && at < t->count; k++) {
         int32_t m = t->ring[k];

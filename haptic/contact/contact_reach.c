@@ -4,7 +4,7 @@
 /// its direction by the depth of the last tick. Entering is tested on deformed positions X + C_TT f
 /// with the forces of the last tick; direction and levels use the rest surface, which does not
 /// wobble.
-#include "haptic/contact_nodes.h"
+#include "haptic/contact/contact_nodes.h"
 
 #include <string.h>
 

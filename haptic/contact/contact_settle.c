@@ -2,11 +2,11 @@
 ///
 /// Passes over one active set for all tools, bounded by a count: solve Eq. 52, let go of what is
 /// pulled, touch what has come inside. contact.c explains the law.
-#include "haptic/contact_nodes.h"
+#include "haptic/contact/contact_nodes.h"
 
 #include <string.h>
 
-#include "haptic/pose.h"
+#include "haptic/base/pose.h"
 
 enum { PASSES = 12 };
 static const double TOUCH = 1e-7; // of a node's reach: overlap that counts as touch

@@ -12,7 +12,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "haptic/contact_surface.h"
+#include "haptic/contact/contact_surface.h"
 
 enum { NEWTON = 10, STACK = 64, VISITS = 2 * PALPATE_REST_TESTS };
 static const double TOLERANCE = 1e-9; // of barycentrics: shared edges belong to both sides

@@ -30,7 +30,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "haptic/model.h"
+#include "haptic/model/model.h"
 
 /// Node of the tree of boxes around the patches. count > 0: a leaf of order[first ..]; count 0: its
 /// children are the next box and box `first`.

@@ -13,8 +13,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "haptic/block.h"
-#include "haptic/contact_surface.h"
+#include "haptic/base/block.h"
+#include "haptic/contact/contact_surface.h"
 
 enum { LEAF = 3 };
 static const double SHARP = 0.766044443118978; // cos 40 degrees
@@ -203,9 +203,9 @@ static void sector_normal(const pal_rest_surface *s, int32_t first, int32_t limi
     }
 }
 
-/// The angle of (x, y), y >= 0, from 0 to pi. Not atan2(): libm's last bit depends on its version and
-/// on the processor, and with it every force. Half-angle steps, then the series below tan(pi / 32): each
-/// operation here is rounded correctly, so all machines agree; within 1e-15 of the angle.
+/// The angle of (x, y), y >= 0, from 0 to pi. Not atan2(): libm's last bit depends on its version
+/// and on the processor, and with it every force. Half-angle steps, then the series below tan(pi /
+/// 32): each operation here is rounded correctly, so all machines agree; within 1e-15 of the angle.
 static double angle_of(double y, double x) {
     double reach = sqrt(x * x + y * y), t = y / (reach + fabs(x)); // tan(angle / 2) of |x|
     if (!(reach > 0.0)) {

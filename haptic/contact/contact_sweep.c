@@ -1,8 +1,8 @@
 /// @file contact_sweep.c  Weighted sums of columns in tiles of rows held in registers.
 ///
-/// Columns are padded to 64 bytes (working_set.h), so whole tiles may be read; what they hold behind the
-/// last node is not used.
-#include "haptic/contact_sweep.h"
+/// Columns are padded to 64 bytes (working_set.h), so whole tiles may be read; what they hold
+/// behind the last node is not used.
+#include "haptic/contact/contact_sweep.h"
 
 #include <string.h>
 
@@ -12,12 +12,13 @@ enum { TILE = 8 };
 
 #define INLINE static inline __attribute__((always_inline))
 
-/// sum += a * the four numbers at p (vectors are not passed by value: their ABI depends on the target)
+/// sum += a * the four numbers at p (vectors are not passed by value: their ABI depends on the
+/// target)
 #define ADD(sum, a, p)                                                                             \
     do {                                                                                           \
         lanes v_;                                                                                  \
         memcpy(&v_, p, sizeof v_);                                                                 \
-        (sum) += (a) * v_;                                                                         \
+        (sum) += (a)*v_;                                                                           \
     } while (0)
 
 INLINE void row_tiles(const pal_working_set *set, int32_t count, const int32_t *slot,

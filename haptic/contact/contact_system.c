@@ -1,32 +1,32 @@
 /// @file contact_system.c  Law "surface": compliance between contact points, forces, nodal forces.
 ///
-/// Row r is a force on the body along the unit vector e_r at point i(r). Displacement at i along e_r
-/// per force of row s at j:
+/// Row r is a force on the body along the unit vector e_r at point i(r). Displacement at i along
+/// e_r per force of row s at j:
 ///
 ///     M_rs = e_r^T [ Phi_i R Phi_j^T + K_ij ] e_s + (same tool) e_r.e_s / k
 ///     K_ij = (t I + (n - t) n_i n_j^T) b_ij,   b_ij = 1 / sqrt(|x_i - x_j|^2 + (w_i + w_j)^2)
 ///
-/// with R the regular part of the nodes' compliance (near_field.h, working_set.h): what the mesh knows, interpolated,
-/// plus the half-space's 1/r between the points themselves, each with the width of its own cell (w_i =
-/// sqrt(A_i) / (2 self)). b is the Gram matrix of charges spread over depths w_i, so positive definite,
-/// but for points of equal width at one place, which would be one row twice: so b is a little smaller
-/// between stations and between tools. 1/k is the compliance of the virtual coupling: the proxy stands
-/// at p_free - f / k, and gaps are taken at p_free. A point that fades gets 1/fade times its own K_ii.
+/// with R the regular part of the nodes' compliance (near_field.h, working_set.h): what the mesh
+/// knows, interpolated, plus the half-space's 1/r between the points themselves, each with the
+/// width of its own cell (w_i = sqrt(A_i) / (2 self)). b is the Gram matrix of charges spread over
+/// depths w_i, so positive definite, but for points of equal width at one place, which would be one
+/// row twice: so b is a little smaller between stations and between tools. 1/k is the compliance of
+/// the virtual coupling: the proxy stands at p_free - f / k, and gaps are taken at p_free. A point
+/// that fades gets 1/fade times its own K_ii.
 ///
-/// A point has one row, e = -n with the gap w = M z + q >= 0 and z >= 0, or three, with the slips along
-/// two tangents behind it (friction: since the last tick, contact_friction.c; held: w = 0); friction.h
-/// solves all together. The forces act on
-/// the nodes as Phi^T e z (virtual work).
+/// A point has one row, e = -n with the gap w = M z + q >= 0 and z >= 0, or three, with the slips
+/// along two tangents behind it (friction: since the last tick, contact_friction.c; held: w = 0);
+/// friction.h solves all together. The forces act on the nodes as Phi^T e z (virtual work).
 #include <string.h>
 
-#include "haptic/contact_anywhere.h"
-#include "haptic/contact_sweep.h"
+#include "haptic/contact/contact_anywhere.h"
+#include "haptic/contact/contact_sweep.h"
 
 /// Bounds of a tick: pivots without friction; factorizations with it, of which from the last tick's
 /// forces 1 to 4 are typical.
 enum { ITERATIONS = 200, FRICTION_ITERATIONS = 60 };
-/// Factors of b_ij between two tools and between two stations of one: below 1, so that M is positive
-/// definite where their points coincide (a capsule on end, tools in one place).
+/// Factors of b_ij between two tools and between two stations of one: below 1, so that M is
+/// positive definite where their points coincide (a capsule on end, tools in one place).
 static const double APART = 0.99, ALONG = 0.999;
 
 void pal_anywhere_gather(anywhere_law *law) {
@@ -55,7 +55,8 @@ void pal_anywhere_gather(anywhere_law *law) {
 /// y = R Phi^T: along x, y and z, or (rows = 1) along the point's row alone.
 static void sweep(const anywhere_law *law, const anywhere_point *point, double *y) {
     if (point->rows == 3) {
-        pal_sweep_axes(&law->set, point->phi.count, point->slot, point->phi.phi, y, (size_t)law->ld);
+        pal_sweep_axes(&law->set, point->phi.count, point->slot, point->phi.phi, y,
+                       (size_t)law->ld);
     } else {
         pal_sweep_row(&law->set, point->phi.count, point->slot, point->phi.phi, point->along[0], y);
     }
@@ -73,7 +74,7 @@ void pal_anywhere_sample(const anywhere_point *point, const double *v, double u[
 
 /// b_ij before fading, j given by its parts; `same`: i and j are one point.
 static double apart(const anywhere_point *i, const double x[3], double width, int32_t tool,
-                       int32_t station, int same) {
+                    int32_t station, int same) {
     double d[3] = {i->x[0] - x[0], i->x[1] - x[1], i->x[2] - x[2]}, both = i->width + width;
     double b = 1.0 / sqrt(dot(d, d) + both * both);
     if (same) {

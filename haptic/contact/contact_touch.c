@@ -1,23 +1,25 @@
-/// @file contact_touch.c  Law "surface": where a tool overlaps the rest surface, and the points there.
+/// @file contact_touch.c  Law "surface": where a tool overlaps the rest surface, and the points
+/// there.
 ///
-/// Station. Each ball of a tool (centre p, radius R) has a foot c on the smooth rest surface with the
-/// normal n through p; its height h = (p - c).n, its overlap d = R - h. It is followed from tick to tick
-/// on its own branch of the surface, so a tool pressed past the middle of a thin organ keeps the side it
-/// came from. Contact begins only for a ball whose centre was outside the body.
+/// Station. Each ball of a tool (centre p, radius R) has a foot c on the smooth rest surface with
+/// the normal n through p; its height h = (p - c).n, its overlap d = R - h. It is followed from
+/// tick to tick on its own branch of the surface, so a tool pressed past the middle of a thin organ
+/// keeps the side it came from. Contact begins only for a ball whose centre was outside the body.
 ///
 /// Coupling. Behind a virtual coupling the pose handed in is the free one: where the proxy would be
-/// without contact. Against a stiff body it lies deep inside, so the foot is looked for from the height
-/// of the last proxy, and the pattern's size follows the depth D at which Hertz's force on a half-space
-/// balances the coupling, k (d - D) = 4/3 E* sqrt(R) D^(3/2). Neither enters the balance of forces
-/// itself, which takes the gaps at the free pose and the coupling's compliance (contact_system.c).
+/// without contact. Against a stiff body it lies deep inside, so the foot is looked for from the
+/// height of the last proxy, and the pattern's size follows the depth D at which Hertz's force on a
+/// half-space balances the coupling, k (d - D) = 4/3 E* sqrt(R) D^(3/2). Neither enters the balance
+/// of forces itself, which takes the gaps at the free pose and the coupling's compliance
+/// (contact_system.c).
 ///
-/// Points. Pattern places a (u e1 + v e2) around c, a = pal_pattern_radius(R, D), are moved along n onto
-/// the surface: x_i with its own normal n_i. The gap of x_i is the height of the tool's solid over it
-/// along n, times n.n_i. e1 is carried along the surface without turning about n.
+/// Points. Pattern places a (u e1 + v e2) around c, a = pal_pattern_radius(R, D), are moved along n
+/// onto the surface: x_i with its own normal n_i. The gap of x_i is the height of the tool's solid
+/// over it along n, times n.n_i. e1 is carried along the surface without turning about n.
 #include <string.h>
 
-#include "haptic/contact_anywhere.h"
-#include "haptic/pose.h"
+#include "haptic/contact/contact_anywhere.h"
+#include "haptic/base/pose.h"
 
 static const double TURN_MIN = 0.15, TURN_FULL = 0.4; // cosine between n and n_i: fade
 
@@ -28,7 +30,8 @@ static double ramp(double x, double a, double b) {
     return s * s * (3.0 - 2.0 * s);
 }
 
-/// D: depth at which a ball on a half-space balances the coupling. Newton on s = sqrt(D), from above.
+/// D: depth at which a ball on a half-space balances the coupling. Newton on s = sqrt(D), from
+/// above.
 static double balanced_depth(double depth, double ball, double modulus, double yield) {
     if (yield == 0.0 || !(ball > 0.0)) {
         return depth;
@@ -64,7 +67,8 @@ static int find_foot(anywhere_law *law, anywhere_station *s, const double p[3], 
     } else {
         if (!s->engaged) {
             // the first time: a tool may start pressed in, its centre not deeper than its radius
-            s->outside = s->known ? s->outside || at.distance > 0.0 : at.distance > -ball - 1e-9 * all;
+            s->outside =
+                s->known ? s->outside || at.distance > 0.0 : at.distance > -ball - 1e-9 * all;
         }
         s->at = at;
     }

@@ -16,8 +16,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "haptic/contact_weights.h"
-#include "haptic/block.h"
+#include "haptic/contact/contact_weights.h"
+#include "haptic/base/block.h"
 
 enum { FLOOD = 384, SAMPLES = 7 };
 static const double THIN = 0.004;
@@ -62,7 +62,8 @@ static size_t place(const pal_model *model, pal_weights_table *table, int32_t **
     PALPATE_BLOCK_PLACE(memory, at, table->list, triangles * sizeof(int32_t));
     PALPATE_BLOCK_PLACE(memory, at, table->near, lists * sizeof(int32_t));
     PALPATE_BLOCK_PLACE(memory, at, table->count, lists * sizeof(int32_t));
-    PALPATE_BLOCK_PLACE(memory, at, table->candidate, lists * PALPATE_WEIGHTS_CANDIDATES * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, table->candidate,
+                        lists * PALPATE_WEIGHTS_CANDIDATES * sizeof(int32_t));
     PALPATE_BLOCK_PLACE(memory, at, *mark, (size_t)model->info.surface_count * sizeof(int32_t));
     return at;
 }

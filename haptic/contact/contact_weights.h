@@ -18,7 +18,7 @@
 #ifndef PALPATE_HAPTIC_CONTACT_WEIGHTS_H
 #define PALPATE_HAPTIC_CONTACT_WEIGHTS_H
 
-#include "haptic/contact_surface.h"
+#include "haptic/contact/contact_surface.h"
 
 /// Defaults by `make bench-ripple` (near field, four bodies; ripple of a point's compliance, worst
 /// of all windows at p = 2): 0.5 % at K = 5, 0.41 % at 7, 0.24 % at 9, 0.23 % at 12,

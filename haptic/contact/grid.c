@@ -1,6 +1,6 @@
 /// @file grid.c  Uniform grid over the rest positions of touchable nodes (counting sort by cell).
-#include "haptic/grid.h"
-#include "haptic/block.h"
+#include "haptic/contact/grid.h"
+#include "haptic/base/block.h"
 
 #include <math.h>
 #include <string.h>
@@ -67,8 +67,8 @@ size_t pal_grid_bytes(const pal_model *model) {
     pal_grid grid;
     layout(model, &grid);
     size_t n = (size_t)touchable_count(model);
-    return 2 * pal_block_padded(n * sizeof(int32_t)) + 2 * pal_block_padded(3 * n * sizeof(double)) +
-           pal_block_padded(n * sizeof(double)) +
+    return 2 * pal_block_padded(n * sizeof(int32_t)) +
+           2 * pal_block_padded(3 * n * sizeof(double)) + pal_block_padded(n * sizeof(double)) +
            pal_block_padded((cell_count(&grid) + 1) * sizeof(int32_t));
 }
 

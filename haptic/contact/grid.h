@@ -9,7 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "haptic/model.h"
+#include "haptic/model/model.h"
 
 typedef struct pal_grid {
     int32_t count;    ///< touchable column nodes

@@ -1,17 +1,20 @@
 /// @file indent.c  A rigid, frictionless tool pressed into the body along its axis: statics.
 ///
-/// At every place i of the surface that the tool may touch, with rest position x_i, displacement u_i
-/// and a force z_i n_i on the body, contact is unilateral: it pushes (z_i >= 0), the surface stays
-/// outside the tool (w_i >= 0), and one of the two is zero. With the compliance C of the model,
+/// At every place i of the surface that the tool may touch, with rest position x_i, displacement
+/// u_i and a force z_i n_i on the body, contact is unilateral: it pushes (z_i >= 0), the surface
+/// stays outside the tool (w_i >= 0), and one of the two is zero. With the compliance C of the
+/// model,
 ///     w_i = n_i . u_i + c_i,    u_i = sum_j C_ij n_j z_j,
-/// a linear complementarity problem (complementarity.h) with M_ij = n_i^T C_ij n_j and q = c. For a node
-/// with itself and those within two edges, C is that of near_field.h: what the mesh knows of the body,
-/// and the half-space's own 1/r in place of what a mesh makes of it. Nodal forces then are a quadrature of
-/// the pressure; on Hertz's block (bench/hertz) the bias of plain nodal contact, 1.3 to 2.1 % too soft at 1184
-/// nodes, becomes 0.4 to 0.9 %, and the methods cell and galerkin agree within 0.1 % from 2421 nodes on.
-///  - PALPATE_INDENT_REST, linearised about the rest shape: n_i is the axis a; c_i = g_i - depth, with
-///    the gap g_i = a.(x_i - start) - extent(r_i), for the sphere R - sqrt(R^2 - r^2) on a flat top. This
-///    is the law of the finite-element table for Hertz's problem.
+/// a linear complementarity problem (complementarity.h) with M_ij = n_i^T C_ij n_j and q = c. For a
+/// node with itself and those within two edges, C is that of near_field.h: what the mesh knows of
+/// the body, and the half-space's own 1/r in place of what a mesh makes of it. Nodal forces then
+/// are a quadrature of the pressure; on Hertz's block (bench/hertz) the bias of plain nodal
+/// contact, 1.3 to 2.1 % too soft at 1184 nodes, becomes 0.4 to 0.9 %, and the methods cell and
+/// galerkin agree within 0.1 % from 2421 nodes on.
+///  - PALPATE_INDENT_REST, linearised about the rest shape: n_i is the axis a; c_i = g_i - depth,
+///  with
+///    the gap g_i = a.(x_i - start) - extent(r_i), for the sphere R - sqrt(R^2 - r^2) on a flat
+///    top. This is the law of the finite-element table for Hertz's problem.
 ///  - PALPATE_INDENT_FULL, on the deformed shape: n_i points from the tool's nearest centre p_i
 ///    (sphere centre, or the point of the capsule's segment) to x_i + u_i, and
 ///    c_i = n_i.(x_i - p_i) - R. n depends on u: solved as a sequence of such problems (Newton on
@@ -19,15 +22,15 @@
 /// The system holds the places whose gap the tool closes; after each solve all others are checked
 /// and violated ones added, so the answer is that of the whole surface.
 /// Thread: any; the model is only read. Cost: O(k^3) for k touched places, O(k^2) memory.
-#include "haptic/indent.h"
+#include "haptic/contact/indent.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/complementarity.h"
-#include "haptic/error.h"
-#include "haptic/near_field.h"
+#include "haptic/solver/complementarity.h"
+#include "haptic/base/error.h"
+#include "haptic/contact/near_field.h"
 
 enum { ROUNDS = 20, FULL_ITERATIONS = 100 };
 
@@ -204,7 +207,8 @@ static void displacement(const press_system *s, const indent_point *p, double u[
     }
 }
 
-/// One linear complementarity problem with the directions of now. @return largest change of a chosen u
+/// One linear complementarity problem with the directions of now. @return largest change of a
+/// chosen u
 static double solve_once(press_system *s, double depth) {
     for (int32_t i = 0; i < s->count; i++) {
         s->q[i] = constraint(s, s->chosen[i], depth);
@@ -212,10 +216,13 @@ static double solve_once(press_system *s, double depth) {
     if (!s->built || s->law == PALPATE_INDENT_FULL) {
         build_matrix(s);
     }
-    pal_lcp problem = {.n = s->count, .m = s->m, .ld = s->count, .q = s->q,
+    pal_lcp problem = {.n = s->count,
+                       .m = s->m,
+                       .ld = s->count,
+                       .q = s->q,
                        .symmetric = s->model->info.certificate.symmetrized};
-    pal_lcp_result r = pal_lcp_solve(&problem, PALPATE_LCP_ITERATIONS + 4 * s->count, s->active, s->z, s->w,
-                                     s->work);
+    pal_lcp_result r = pal_lcp_solve(&problem, PALPATE_LCP_ITERATIONS + 4 * s->count, s->active,
+                                     s->z, s->w, s->work);
     s->iterations += r.iterations;
     s->cut_off |= r.state != PALPATE_LCP_SOLVED;
     for (int32_t i = 0; i < s->count; i++) {
@@ -263,7 +270,8 @@ static int32_t add_violated(press_system *s, double depth) {
     return added;
 }
 
-static pal_status solve_depth(press_system *s, double depth, pal_indent_result *out, pal_error *error) {
+static pal_status solve_depth(press_system *s, double depth, pal_indent_result *out,
+                              pal_error *error) {
     s->iterations = s->cut_off = 0;
     for (int round = 0; round < ROUNDS; round++) {
         if (s->count > 0) {
@@ -302,8 +310,9 @@ static pal_status find_near(press_system *s, pal_error *error) {
     s->near_memory = aligned_alloc(64, pal_near_bytes(s->model));
     pal_status status = PALPATE_OK;
     if (memory == NULL || s->near_memory == NULL) {
-        status = pal_fail(error, PALPATE_ERROR_MEMORY, "tool '%s': no memory for the surface of %d nodes",
-                          s->tool->name, (int)s->model->info.surface_count);
+        status = pal_fail(error, PALPATE_ERROR_MEMORY,
+                          "tool '%s': no memory for the surface of %d nodes", s->tool->name,
+                          (int)s->model->info.surface_count);
     } else {
         pal_rest_init(&surface, s->model, memory);
         pal_near_init(&s->near, s->model, &surface, 2, s->near_memory);
@@ -313,42 +322,49 @@ static pal_status find_near(press_system *s, pal_error *error) {
 }
 
 static pal_status check(const pal_model *model, const pal_tool_def *tool, pal_indent_law law,
-                        const double *depths, int32_t count, const pal_indent_result *out, pal_error *error) {
-    if (model == NULL || tool == NULL || (count > 0 && (depths == NULL || out == NULL)) || count < 0) {
+                        const double *depths, int32_t count, const pal_indent_result *out,
+                        pal_error *error) {
+    if (model == NULL || tool == NULL || (count > 0 && (depths == NULL || out == NULL)) ||
+        count < 0) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
                         "indent: needs a model, a tool, depths and a place for the results");
     }
     if (!tool->has_start) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "tool '%s': indent needs its start (the tool's origin when it just touches) and axis",
-                        tool->name);
+        return pal_fail(
+            error, PALPATE_ERROR_ARGUMENT,
+            "tool '%s': indent needs its start (the tool's origin when it just touches) and axis",
+            tool->name);
     }
     double length = sqrt(dot3(tool->axis, tool->axis));
     if (!isfinite(length) || length <= 0) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "tool '%s': its axis (%g, %g, %g) has no direction",
-                        tool->name, tool->axis[0], tool->axis[1], tool->axis[2]);
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "tool '%s': its axis (%g, %g, %g) has no direction", tool->name,
+                        tool->axis[0], tool->axis[1], tool->axis[2]);
     }
     if (tool->shape != PALPATE_SHAPE_POINT && !(tool->radius > 0)) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "tool '%s': its radius %g must be above 0", tool->name,
-                        tool->radius);
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "tool '%s': its radius %g must be above 0",
+                        tool->name, tool->radius);
     }
     if (law == PALPATE_INDENT_FULL && tool->shape == PALPATE_SHAPE_POINT) {
         return pal_fail(error, PALPATE_ERROR_UNSUPPORTED,
-                        "tool '%s': a point has no surface to slide on: the full contact law is for spheres and "
+                        "tool '%s': a point has no surface to slide on: the full contact law is "
+                        "for spheres and "
                         "capsules; use the rest law",
                         tool->name);
     }
     for (int32_t i = 0; i < count; i++) {
         if (!isfinite(depths[i]) || depths[i] < 0) {
-            return pal_fail(error, PALPATE_ERROR_ARGUMENT, "indent: depth %d is %g m; it must be 0 or more",
-                            (int)i + 1, depths[i]);
+            return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                            "indent: depth %d is %g m; it must be 0 or more", (int)i + 1,
+                            depths[i]);
         }
     }
     return PALPATE_OK;
 }
 
 pal_status pal_model_indent(const pal_model *model, const pal_tool_def *tool, pal_indent_law law,
-                            const double *depths, int32_t count, pal_indent_result *out, pal_error *error) {
+                            const double *depths, int32_t count, pal_indent_result *out,
+                            pal_error *error) {
     pal_status status = check(model, tool, law, depths, count, out, error);
     if (status != PALPATE_OK) {
         return status;

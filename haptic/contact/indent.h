@@ -2,7 +2,7 @@
 #ifndef PALPATE_HAPTIC_INDENT_H
 #define PALPATE_HAPTIC_INDENT_H
 
-#include "haptic/model.h"
+#include "haptic/model/model.h"
 
 /// A place of the surface that the tool may touch: a node, or a point of a triangle.
 typedef struct indent_point {
@@ -17,8 +17,8 @@ typedef struct indent_point {
     int32_t chosen;      ///< index in the contact system, -1: not in it
 } indent_point;
 
-/// Every place tool can touch when pressed along `axis`: touchable nodes that face it, lie under it and,
-/// when none does, the point of the surface on its axis.
+/// Every place tool can touch when pressed along `axis`: touchable nodes that face it, lie under it
+/// and, when none does, the point of the surface on its axis.
 /// @param[out] out  to be freed by the caller; NULL on error
 /// @return PALPATE_OK; _ARGUMENT when there is none, _MEMORY. Thread: any.
 pal_status pal_indent_points(const pal_model *model, const pal_tool_def *tool, const double axis[3],

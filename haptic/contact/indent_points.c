@@ -1,17 +1,17 @@
 /// @file indent_points.c  Where a pressed tool may touch the surface.
 ///
-/// Nodes: touchable, with a compliance column, facing the tool (normal . axis < 0) and under it (nearer
-/// to its axis than its radius). A tip so fine that no node is under it, the point tool first of all,
-/// touches the point where its axis meets the surface: its displacement is interpolated linearly over the
-/// triangle, and its force shared by the same weights (virtual work).
-/// Thread: any; the model is only read.
-#include "haptic/indent.h"
+/// Nodes: touchable, with a compliance column, facing the tool (normal . axis < 0) and under it
+/// (nearer to its axis than its radius). A tip so fine that no node is under it, the point tool
+/// first of all, touches the point where its axis meets the surface: its displacement is
+/// interpolated linearly over the triangle, and its force shared by the same weights (virtual
+/// work). Thread: any; the model is only read.
+#include "haptic/contact/indent.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 static double dot3(const double a[3], const double b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -60,7 +60,8 @@ static int32_t column_of(const pal_model *model, int32_t node) {
     return low < model->info.column_count && model->column_node[low] == node ? low : -1;
 }
 
-/// The triangle the tool's axis meets nearest to its start, as a point with weights. @return 1 when found
+/// The triangle the tool's axis meets nearest to its start, as a point with weights. @return 1 when
+/// found
 static int find_foot(const pal_model *model, const double start[3], const double axis[3],
                      indent_point *foot) {
     double nearest = INFINITY;
@@ -68,8 +69,10 @@ static int find_foot(const pal_model *model, const double start[3], const double
         const int32_t *v = model->triangle + 3 * (size_t)t;
         double e1[3], e2[3], s[3], p[3], n[3], b[3];
         for (int k = 0; k < 3; k++) {
-            e1[k] = model->position[3 * (size_t)v[1] + (size_t)k] - model->position[3 * (size_t)v[0] + (size_t)k];
-            e2[k] = model->position[3 * (size_t)v[2] + (size_t)k] - model->position[3 * (size_t)v[0] + (size_t)k];
+            e1[k] = model->position[3 * (size_t)v[1] + (size_t)k] -
+                    model->position[3 * (size_t)v[0] + (size_t)k];
+            e2[k] = model->position[3 * (size_t)v[2] + (size_t)k] -
+                    model->position[3 * (size_t)v[0] + (size_t)k];
             s[k] = start[k] - model->position[3 * (size_t)v[0] + (size_t)k];
         }
         cross3(e1, e2, n);
@@ -95,7 +98,8 @@ static int find_foot(const pal_model *model, const double start[3], const double
             foot->x[k] = start[k] + along * axis[k];
         }
     }
-    return isfinite(nearest) && foot->column[0] >= 0 && foot->column[1] >= 0 && foot->column[2] >= 0;
+    return isfinite(nearest) && foot->column[0] >= 0 && foot->column[1] >= 0 &&
+           foot->column[2] >= 0;
 }
 
 pal_status pal_indent_points(const pal_model *model, const pal_tool_def *tool, const double axis[3],
@@ -104,8 +108,8 @@ pal_status pal_indent_points(const pal_model *model, const pal_tool_def *tool, c
     *count = 0;
     indent_point *point = calloc((size_t)model->info.column_count + 1, sizeof *point);
     if (point == NULL) {
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "tool '%s': no memory for %d contact points", tool->name,
-                        (int)model->info.column_count);
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "tool '%s': no memory for %d contact points",
+                        tool->name, (int)model->info.column_count);
     }
     int32_t n = 0;
     for (int32_t c = 0; c < model->info.column_count && tool->shape != PALPATE_SHAPE_POINT; c++) {
@@ -131,10 +135,11 @@ pal_status pal_indent_points(const pal_model *model, const pal_tool_def *tool, c
     }
     if (n == 0) {
         free(point);
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "tool '%s': pressed from (%g, %g, %g) along (%g, %g, %g) it meets no touchable place "
-                        "of the surface; correct its start and axis, or body.touchable",
-                        tool->name, tool->start[0], tool->start[1], tool->start[2], axis[0], axis[1], axis[2]);
+        return pal_fail(
+            error, PALPATE_ERROR_ARGUMENT,
+            "tool '%s': pressed from (%g, %g, %g) along (%g, %g, %g) it meets no touchable place "
+            "of the surface; correct its start and axis, or body.touchable",
+            tool->name, tool->start[0], tool->start[1], tool->start[2], axis[0], axis[1], axis[2]);
     }
     *out = point;
     *count = n;

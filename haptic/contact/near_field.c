@@ -1,7 +1,7 @@
-/// @file near_field.c  Column nodes within one or two edges, and their regular compliance, taken from
-/// the next ones.
-#include "haptic/near_field.h"
-#include "haptic/block.h"
+/// @file near_field.c  Column nodes within one or two edges, and their regular compliance, taken
+/// from the next ones.
+#include "haptic/contact/near_field.h"
+#include "haptic/base/block.h"
 
 #include <math.h>
 #include <string.h>
@@ -18,7 +18,8 @@ static size_t place(const pal_model *model, pal_near_field *near, int32_t **colu
     PALPATE_BLOCK_PLACE(memory, at, near->neighbour, ROOM * n * sizeof(int32_t));
     // every triangle gives each of its corners two neighbours, each counted twice on closed
     // surfaces
-    PALPATE_BLOCK_PLACE(memory, at, near->edge, 6 * (size_t)model->info.triangle_count * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, near->edge,
+                        6 * (size_t)model->info.triangle_count * sizeof(int32_t));
     PALPATE_BLOCK_PLACE(memory, at, *column, (size_t)model->info.surface_count * sizeof(int32_t));
     return at;
 }
@@ -90,8 +91,7 @@ static int holds(const int32_t *list, int32_t count, int32_t value) {
     return 0;
 }
 
-static void find_edges(pal_near_field *near, const pal_rest_surface *s,
-                            const int32_t *column) {
+static void find_edges(pal_near_field *near, const pal_rest_surface *s, const int32_t *column) {
     int32_t total = 0;
     for (int32_t a = 0; a < near->model->info.column_count; a++) {
         int32_t node = near->model->column_node[a], count = 0;
@@ -132,7 +132,8 @@ static void find_neighbours(pal_near_field *near, int32_t edges) {
     near->start[near->model->info.column_count] = total;
 }
 
-/// The next columns beyond the neighbours of a; the neighbours where there are none. @return how many
+/// The next columns beyond the neighbours of a; the neighbours where there are none. @return how
+/// many
 static int32_t ring_around(const pal_near_field *near, int32_t a, int32_t *ring) {
     const int32_t *first = near->neighbour + near->start[a];
     int32_t firsts = near->start[a + 1] - near->start[a], count = 0;

@@ -12,8 +12,8 @@
 /// surface, and C_ab - R is 0.5 to 0.7 of n / r. The sums agree, so loads spread over many nodes
 /// are right, but a load on a few feels where the nodes are: the compliance at a point slid over
 /// the surface rises and falls by 20 % of itself. Two edges away R is right in the mean but still
-/// scatters by 0.25 n / h, which a pattern of points feels as a ripple of 3 %; farther out it is smooth.
-/// So, with m = 1 or 2 edges taken for near,
+/// scatters by 0.25 n / h, which a pattern of points feels as a ripple of 3 %; farther out it is
+/// smooth. So, with m = 1 or 2 edges taken for near,
 ///
 ///     R_aa = mean over the nodes c next beyond (2; or 3 and 4 edges away) of R_ac,
 ///     R_ab = (R_aa + R_bb) / 2 within m edges,
@@ -29,7 +29,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "haptic/contact_surface.h"
+#include "haptic/contact/contact_surface.h"
 
 /// Compliance of a node with itself over n, times the root of its share of the surface: the
 /// constant that makes sum_b A_b / r_ab the quadrature of the integral of 1/r on lattices

@@ -3,11 +3,11 @@
 /// The capsule is the union of two balls and the cylinder between them. It is convex, so a line
 /// meets it in one interval, whose ends are the smallest entry and the largest exit of the three
 /// parts (a line that leaves the cylinder through an end disc is inside a ball there).
-#include "haptic/solid.h"
+#include "haptic/contact/solid.h"
 
 #include <math.h>
 
-#include "haptic/pose.h"
+#include "haptic/base/pose.h"
 
 static double dot(const double a[3], const double b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

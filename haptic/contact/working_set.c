@@ -3,8 +3,8 @@
 /// The set is compact: a node leaves by the last one taking its slot, so sweeps over the block are
 /// contiguous. A few nodes that were not used in the last tick stay, oldest first out: a tool that
 /// trembles over the edge of a stencil reads nothing twice.
-#include "haptic/working_set.h"
-#include "haptic/block.h"
+#include "haptic/contact/working_set.h"
+#include "haptic/base/block.h"
 
 #include <string.h>
 

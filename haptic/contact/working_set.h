@@ -1,13 +1,13 @@
 /// @file working_set.h  The nodes under the contact points and their compliance block (private).
 ///
-/// Contact at a surface point interpolates the nodes around it; the compliance between all nodes in use
-/// is kept here from tick to tick in one small contiguous block, so that only a node that is new costs
-/// accesses to the big C_TT (a cache miss each). What is kept is its regular part R_ab (near_field.h):
-/// C_ab less the half-space's own 1/r, and between neighbours, where no mesh resolves 1/r, the value of
-/// the nodes around. R is what the mesh knows of the body beyond a half-space and is smooth, so it may
-/// be interpolated; 1/r is put back between the contact points (contact_system.c) with the points' own
-/// area in place of the nodes'. Hence tips below the node spacing resolve, and sliding does not
-/// rise and fall with the nodes.
+/// Contact at a surface point interpolates the nodes around it; the compliance between all nodes in
+/// use is kept here from tick to tick in one small contiguous block, so that only a node that is
+/// new costs accesses to the big C_TT (a cache miss each). What is kept is its regular part R_ab
+/// (near_field.h): C_ab less the half-space's own 1/r, and between neighbours, where no mesh
+/// resolves 1/r, the value of the nodes around. R is what the mesh knows of the body beyond a
+/// half-space and is smooth, so it may be interpolated; 1/r is put back between the contact points
+/// (contact_system.c) with the points' own area in place of the nodes'. Hence tips below the node
+/// spacing resolve, and sliding does not rise and fall with the nodes.
 ///
 /// Thread: one at a time. No allocation, every bound a count.
 #ifndef PALPATE_HAPTIC_WORKING_SET_H
@@ -16,15 +16,15 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "haptic/near_field.h"
+#include "haptic/contact/near_field.h"
 
 typedef struct pal_working_set {
     const pal_model *model;
     const pal_near_field *near;
-    int symmetric;     ///< C_TT is
-    int32_t capacity;  ///< nodes
-    int32_t count;     ///< nodes in the set; slots 0 .. count - 1
-    int32_t stride;    ///< elements between columns of `block`
+    int symmetric;    ///< C_TT is
+    int32_t capacity; ///< nodes
+    int32_t count;    ///< nodes in the set; slots 0 .. count - 1
+    int32_t stride;   ///< elements between columns of `block`
     uint64_t tick;
     uint64_t gathered; ///< nodes read from C_TT so far
     int32_t *slot;     ///< of each column node, -1: none; shape [column_count]

@@ -1,10 +1,10 @@
 /// @file device.c  Which device a tool definition means.
-#include "haptic/device.h"
+#include "haptic/device/device.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 pal_status pal_device_create(const pal_tool_def *tool, double period, pal_device *out,
                              pal_error *error) {

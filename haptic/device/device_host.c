@@ -3,9 +3,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/device.h"
-#include "haptic/error.h"
-#include "haptic/mailbox.h"
+#include "haptic/device/device.h"
+#include "haptic/base/error.h"
+#include "haptic/device/mailbox.h"
 
 typedef struct host_device {
     pal_mailbox pose_box, force_box;

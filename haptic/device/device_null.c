@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/device.h"
-#include "haptic/error.h"
+#include "haptic/device/device.h"
+#include "haptic/base/error.h"
 
 static pal_status null_read(void *self, int64_t time_ns, pal_tool_state *state) {
     *state = *(const pal_tool_state *)self;

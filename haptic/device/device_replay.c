@@ -2,9 +2,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "haptic/device.h"
-#include "haptic/error.h"
-#include "haptic/trajectory.h"
+#include "haptic/device/device.h"
+#include "haptic/base/error.h"
+#include "haptic/device/trajectory.h"
 
 static pal_status replay_read(void *self, int64_t time_ns, pal_tool_state *state) {
     const pal_trajectory *t = self;

@@ -2,9 +2,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "haptic/device.h"
-#include "haptic/error.h"
-#include "haptic/stroke.h"
+#include "haptic/device/device.h"
+#include "haptic/base/error.h"
+#include "haptic/device/stroke.h"
 
 static pal_status scripted_read(void *self, int64_t time_ns, pal_tool_state *state) {
     pal_stroke_at(self, 1e-9 * (double)time_ns, state);

@@ -11,10 +11,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/device.h"
-#include "haptic/error.h"
-#include "haptic/simulated.h"
-#include "haptic/stroke.h"
+#include "haptic/device/device.h"
+#include "haptic/base/error.h"
+#include "haptic/device/simulated.h"
+#include "haptic/device/stroke.h"
 
 /// Longest time that is caught up in one read [s]; a servo that stood still longer finds the device
 /// where this much time has brought it.
@@ -24,11 +24,11 @@ typedef struct simulated_device {
     pal_simulated def;
     pal_stroke_path path;
     double period;
-    int64_t now;       ///< time of the mechanical state [ns]
-    int started;       ///< a first read has set `now`
-    double state[3][2]; ///< per axis: position [m], velocity [m/s]
+    int64_t now;         ///< time of the mechanical state [ns]
+    int started;         ///< a first read has set `now`
+    double state[3][2];  ///< per axis: position [m], velocity [m/s]
     double reference[3]; ///< hand's intended position at `now` [m]
-    double force[3];    ///< held [N]
+    double force[3];     ///< held [N]
 } simulated_device;
 
 static void begin(simulated_device *d, int64_t time_ns) {
@@ -109,8 +109,7 @@ static void simulated_close(void *self) {
     free(self);
 }
 
-static pal_status check(const char *name, const pal_simulated *s, double period,
-                        pal_error *error) {
+static pal_status check(const char *name, const pal_simulated *s, double period, pal_error *error) {
     const struct {
         const char *key;
         double value, low, high;

@@ -1,19 +1,20 @@
-/// @file simulated.c  A simulated device: figures, and the motion of one axis (equation: simulated.h).
+/// @file simulated.c  A simulated device: figures, and the motion of one axis (equation:
+/// simulated.h).
 ///
-/// Figures of the devices: the makers' data sheets. Touch, formerly Phantom Omni (3D Systems, SensAble
-/// Technologies): apparent mass at the tip about 45 g, back-drive friction below 0.26 N, about
-/// 0.055 mm (450 dpi), 3.3 N at the nominal position, 1.02 to 2.31 N/mm by axis, 160 x 120 x 70 mm.
-/// Phantom Premium 1.5: below 75 g, 0.04 N, 0.03 mm (860 dpi), 8.5 N, 3.5 N/mm, 381 x 267 x 191 mm.
-/// Data sheets give no viscous damping. Diolaiti, Niemeyer, Barbagli and Salisbury (IEEE Trans. Robotics
-/// 22(2), 2006) and Abbott and Okamura (IEEE Trans. Robotics 21(5), 2005) find that Coulomb friction,
-/// not viscous damping, is what keeps such devices stable, so 0.1 N s/m is an assumption on the low
-/// side; both names are therefore keys of the scene.
+/// Figures of the devices: the makers' data sheets. Touch, formerly Phantom Omni (3D Systems,
+/// SensAble Technologies): apparent mass at the tip about 45 g, back-drive friction below 0.26 N,
+/// about 0.055 mm (450 dpi), 3.3 N at the nominal position, 1.02 to 2.31 N/mm by axis, 160 x 120 x
+/// 70 mm. Phantom Premium 1.5: below 75 g, 0.04 N, 0.03 mm (860 dpi), 8.5 N, 3.5 N/mm, 381 x 267 x
+/// 191 mm. Data sheets give no viscous damping. Diolaiti, Niemeyer, Barbagli and Salisbury (IEEE
+/// Trans. Robotics 22(2), 2006) and Abbott and Okamura (IEEE Trans. Robotics 21(5), 2005) find that
+/// Coulomb friction, not viscous damping, is what keeps such devices stable, so 0.1 N s/m is an
+/// assumption on the low side; both names are therefore keys of the scene.
 ///
-/// Hand: mass 0.554 kg, damping 6.45 N s/m, stiffness 135 N/m, measured on an arm that holds a haptic
-/// handle (van Beek, Bergmann Tiest, Mugge and Kappers, Scientific Reports 5:18004, 2015, Fig. 3).
-/// The second-order form is that of Hasser and Cutkosky (Haptics Symposium 2002). The light grip is no
-/// measurement: a tenth of everything, a harder case for stability.
-#include "haptic/simulated.h"
+/// Hand: mass 0.554 kg, damping 6.45 N s/m, stiffness 135 N/m, measured on an arm that holds a
+/// haptic handle (van Beek, Bergmann Tiest, Mugge and Kappers, Scientific Reports 5:18004, 2015,
+/// Fig. 3). The second-order form is that of Hasser and Cutkosky (Haptics Symposium 2002). The
+/// light grip is no measurement: a tenth of everything, a harder case for stability.
+#include "haptic/device/simulated.h"
 
 #include <math.h>
 #include <string.h>
@@ -64,8 +65,10 @@ static void expand(const pal_axis *a, double y, double v, double push, double sl
     out->y[0] = y;
     out->v[0] = v;
     for (int n = 0; n < TERMS; n++) {
-        double f = (n == 0 ? push : n == 1 ? slope : 0.0) - a->damping * out->v[n] -
-                   a->stiffness * out->y[n];
+        double f = (n == 0   ? push
+                    : n == 1 ? slope
+                             : 0.0) -
+                   a->damping * out->v[n] - a->stiffness * out->y[n];
         out->y[n + 1] = out->v[n] / (n + 1);
         out->v[n + 1] = f / (a->mass * (n + 1));
     }
@@ -104,8 +107,8 @@ static double bisect(double (*f)(const double *, double), const double *c, doubl
     return high;
 }
 
-/// First time in (0, time] at which the velocity, of sign sgn from the start on, comes to 0; -1: none.
-/// The time is at most 1 / rate, so the velocity has at most one extremum in it that matters.
+/// First time in (0, time] at which the velocity, of sign sgn from the start on, comes to 0; -1:
+/// none. The time is at most 1 / rate, so the velocity has at most one extremum in it that matters.
 static double stop_time(const series *s, double sgn, double time) {
     double from = 0.0, to = time;
     double v_end = value(s->v, time) * sgn;

@@ -6,8 +6,8 @@
 /// r; c: Coulomb friction of the device, which also holds it at rest while the other forces stay
 /// below c. Between two ticks F is constant (zero-order hold) and r linear, so the equation is
 /// linear but for the sign of the velocity. It is advanced by its own power series, cut where the
-/// rest is below rounding (argument at most 1, 20 terms), from one change of sign to the next: exact
-/// to rounding, which the tests hold against closed forms.
+/// rest is below rounding (argument at most 1, 20 terms), from one change of sign to the next:
+/// exact to rounding, which the tests hold against closed forms.
 #ifndef PALPATE_HAPTIC_SIMULATED_H
 #define PALPATE_HAPTIC_SIMULATED_H
 

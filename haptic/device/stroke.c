@@ -1,11 +1,11 @@
 /// @file stroke.c  Scripted strokes as functions of time (formulas: stroke.h).
-#include "haptic/stroke.h"
+#include "haptic/device/stroke.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 static const double pi = 3.14159265358979323846;
 

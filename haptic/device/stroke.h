@@ -15,7 +15,7 @@
 
 #include <palpate/engine.h>
 
-#include "haptic/trajectory.h"
+#include "haptic/device/trajectory.h"
 
 /// A stroke bound to a tool's start and axis.
 typedef struct pal_stroke_path {

@@ -1,5 +1,5 @@
 /// @file trajectory.c  Trajectory CSV and interpolation (format and mathematics: trajectory.h).
-#include "haptic/trajectory.h"
+#include "haptic/device/trajectory.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -10,8 +10,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
-#include "haptic/pose.h"
+#include "haptic/base/error.h"
+#include "haptic/base/pose.h"
 
 enum { FIELDS = 9 };
 static const char *const field_name[FIELDS] = {"time", "x",  "y",  "z",     "qw",

@@ -1,14 +1,14 @@
 /// @file cost.c  Measuring what a tick costs here (see cost.h).
-#include "haptic/cost.h"
+#include "haptic/engine/cost.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/engine.h"
-#include "haptic/error.h"
-#include "haptic/quantiles.h"
-#include "haptic/realtime.h"
+#include "haptic/engine/engine.h"
+#include "haptic/base/error.h"
+#include "haptic/base/quantiles.h"
+#include "haptic/base/realtime.h"
 
 // ---- The field's bytes --------------------------------------------------------------------------
 
@@ -25,8 +25,15 @@ static double sweep_time(pal_precision precision, const void *block, double byte
     }
     size_t element = pal_precision_size(precision);
     int64_t rows = (int64_t)(bytes / COLUMNS / (double)element) / 32 * 32;
-    const pal_field_job job = {.precision = precision, .block = block, .ld = rows, .rows = rows,
-                               .count = COLUMNS, .dof = dof, .f = f, .f32 = f32, .out = out};
+    const pal_field_job job = {.precision = precision,
+                               .block = block,
+                               .ld = rows,
+                               .rows = rows,
+                               .count = COLUMNS,
+                               .dof = dof,
+                               .f = f,
+                               .f32 = f32,
+                               .out = out};
     double swept = (double)rows * COLUMNS * (double)element;
     int repeat = (int)fmax(1.0, 2e6 / swept);
     pal_isa isa = pal_field_best();
@@ -105,13 +112,15 @@ static pal_status make_tool(const pal_model *model, pal_tool_def *tool, pal_erro
     }
     for (int32_t i = 0; i < model->info.surface_count; i++) {
         const double *x = model->position + 3 * (int64_t)i;
-        double r = hypot(hypot(x[0] - middle[0] / count, x[1] - middle[1] / count), x[2] - middle[2] / count);
+        double r = hypot(hypot(x[0] - middle[0] / count, x[1] - middle[1] / count),
+                         x[2] - middle[2] / count);
         if ((model->node_flags[i] & PALPATE_NODE_TOUCHABLE) && r < best) {
             best = r;
             node = i;
         }
     }
-    *tool = (pal_tool_def){.name = "probe", .shape = PALPATE_SHAPE_SPHERE, .radius = radius, .has_start = 1};
+    *tool = (pal_tool_def){
+        .name = "probe", .shape = PALPATE_SHAPE_SPHERE, .radius = radius, .has_start = 1};
     for (int d = 0; d < 3; d++) {
         double n = model->normal[3 * (int64_t)node + d];
         tool->start[d] = model->position[3 * (int64_t)node + d] + radius * n;
@@ -128,8 +137,11 @@ static void give_motion(const pal_model *model, pal_tool_def *tool, int own) {
     }
     double size = tool->radius > 0.0 ? tool->radius : model->info.spacing_mean;
     tool->device.kind = PALPATE_DEVICE_SCRIPTED;
-    tool->device.stroke = (pal_stroke){.kind = PALPATE_STROKE_CIRCLE, .depth = 0.4 * size, .ramp = 0.5,
-                                       .period = 2.0, .amplitude = size};
+    tool->device.stroke = (pal_stroke){.kind = PALPATE_STROKE_CIRCLE,
+                                       .depth = 0.4 * size,
+                                       .ramp = 0.5,
+                                       .period = 2.0,
+                                       .amplitude = size};
 }
 
 typedef struct meter {
@@ -145,8 +157,8 @@ static void keep_least(pal_quantiles *least, const pal_histogram *of, int first)
 }
 
 /// The motion once; the means go to `out`, the times to `m`.
-static pal_status run_once(const pal_model *model, const pal_engine_def *def, pal_device *device, double seconds,
-                           meter *m, pal_cost_ticks *out, pal_error *error) {
+static pal_status run_once(const pal_model *model, const pal_engine_def *def, pal_device *device,
+                           double seconds, meter *m, pal_cost_ticks *out, pal_error *error) {
     pal_engine *engine = NULL;
     pal_status status = pal_engine_create(model, def, &engine, error);
     uint64_t ticks = (uint64_t)(seconds / def->period), touching = 0, contacts = 0;
@@ -177,8 +189,8 @@ static pal_status run_once(const pal_model *model, const pal_engine_def *def, pa
 
 static pal_status init_meter(meter *m, pal_error *error) {
     memset(m, 0, sizeof *m);
-    if (pal_histogram_init(&m->force) != PALPATE_OK || pal_histogram_init(&m->field) != PALPATE_OK ||
-        pal_histogram_init(&m->tick) != PALPATE_OK) {
+    if (pal_histogram_init(&m->force) != PALPATE_OK ||
+        pal_histogram_init(&m->field) != PALPATE_OK || pal_histogram_init(&m->tick) != PALPATE_OK) {
         return pal_fail(error, PALPATE_ERROR_MEMORY, "no memory to measure ticks");
     }
     return PALPATE_OK;
@@ -244,10 +256,11 @@ pal_status pal_cost_of_ticks(const pal_model *model, double swell, int runs, pal
         device.close(device.self);
     }
     if (status == PALPATE_OK && out->ticks == 0) {
-        status = pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                          "tool '%.*s' touches nothing in its own motion: there is no tick to measure; move "
-                          "its start or its device",
-                          PALPATE_NAME_MAX, tool.name);
+        status = pal_fail(
+            error, PALPATE_ERROR_ARGUMENT,
+            "tool '%.*s' touches nothing in its own motion: there is no tick to measure; move "
+            "its start or its device",
+            PALPATE_NAME_MAX, tool.name);
     }
     return status;
 }

@@ -1,10 +1,12 @@
 /// @file cost.h  What a tick costs on this machine: measured, and predicted from counts (private).
 ///
 /// Two measurements, in thread CPU time (what the host gives to others is not counted):
-///   the field   seconds to sweep a block of so many bytes, per precision and size (the memory wall)
-///   the ticks   a model driven in freewheel by its own tool: force stage, whole tick, contact points
-/// A field is then predicted as bytes = (3 m)(3 s) bytes per entry times the measured seconds per byte at
-/// that size; the rest of a tick follows the touched nodes through measured ticks (palpate precompute
+///   the field   seconds to sweep a block of so many bytes, per precision and size (the memory
+///   wall) the ticks   a model driven in freewheel by its own tool: force stage, whole tick,
+///   contact points
+/// A field is then predicted as bytes = (3 m)(3 s) bytes per entry times the measured seconds per
+/// byte at that size; the rest of a tick follows the touched nodes through measured ticks (palpate
+/// precompute
 /// --budget). Nothing here is a constant of some other machine.
 ///
 /// Thread: any but the servo's; allocates.
@@ -18,8 +20,8 @@
 enum { PALPATE_COST_SIZES = 6 };
 
 typedef struct pal_cost_machine {
-    double bytes[PALPATE_COST_SIZES];          ///< block sizes measured, ascending
-    double per_byte[4][PALPATE_COST_SIZES];    ///< [s], by pal_precision
+    double bytes[PALPATE_COST_SIZES];       ///< block sizes measured, ascending
+    double per_byte[4][PALPATE_COST_SIZES]; ///< [s], by pal_precision
 } pal_cost_machine;
 
 /// Measure the field kernel. Takes about half a second. @return PALPATE_OK; _MEMORY
@@ -39,11 +41,12 @@ typedef struct pal_cost_ticks {
     pal_quantiles render_us; ///< both when the readers compute the field; own radius only
 } pal_cost_ticks;
 
-/// Drive the model by its first tool's own motion (at most 6 s of it, every tick with its field), or
-/// by a press and circle in the middle of the touchable nodes when it has none. The motion is run
-/// several times and the least of each quantile kept: the ticks are the same to the bit, so what
-/// differs is the machine's other work.
-/// @param swell  the tool's radius is this many times its own, still just touching at its start: how the
+/// Drive the model by its first tool's own motion (at most 6 s of it, every tick with its field),
+/// or by a press and circle in the middle of the touchable nodes when it has none. The motion is
+/// run several times and the least of each quantile kept: the ticks are the same to the bit, so
+/// what differs is the machine's other work.
+/// @param swell  the tool's radius is this many times its own, still just touching at its start:
+/// how the
 ///               cost grows with the touched nodes, learned on one model
 /// @param runs   times the motion is run
 /// @return PALPATE_OK; _ARGUMENT (nothing touchable), _MEMORY, what the device or engine says

@@ -5,23 +5,29 @@
 /// the output stage; pal_engine_field sweeps the stored columns (Eq. 53) straight into the back
 /// buffer of the first reader that wants a frame and copies it to the others. The force comes first
 /// and does not depend on whether or when the field is computed. With PALPATE_FIELD_BY_READER the
-/// servo publishes dofs and nodal forces only; whoever takes the frame sweeps the same columns in the
-/// same order, hence to the same bits, into a buffer of its own.
+/// servo publishes dofs and nodal forces only; whoever takes the frame sweeps the same columns in
+/// the same order, hence to the same bits, into a buffer of its own.
 ///
-/// Memory: one block, see haptic/engine.h. Threads: one servo thread per engine, one thread per
-/// reader; several engines may share a model, which is only read.
-#include "haptic/engine.h"
+/// Memory: one block, see haptic/engine/engine.h. Threads: one servo thread per engine, one thread
+/// per reader; several engines may share a model, which is only read.
+#include "haptic/engine/engine.h"
 
 #include <assert.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/block.h"
-#include "haptic/error.h"
-#include "haptic/field_model.h"
+#include "haptic/base/block.h"
+#include "haptic/base/error.h"
+#include "haptic/engine/field_model.h"
 
-enum { LINE = PALPATE_CACHE_LINE, CONTACTS_MAX = 1024, POINTS = 16, POINTS_MAX = 64, READERS_MAX = 64 };
+enum {
+    LINE = PALPATE_CACHE_LINE,
+    CONTACTS_MAX = 1024,
+    POINTS = 16,
+    POINTS_MAX = 64,
+    READERS_MAX = 64
+};
 static const uint32_t ENGINE_COOKIE = 0x50414c45u;
 
 // ---- Definition ---------------------------------------------------------------------------------
@@ -116,8 +122,8 @@ static pal_status check(const pal_model *model, const pal_engine_def *def, pal_e
                         CONTACTS_MAX);
     }
     if (def->contact_law != PALPATE_CONTACT_SURFACE && def->contact_law != PALPATE_CONTACT_NODES) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "pal_engine_def.contact_law: %d: unknown law",
-                        (int)def->contact_law);
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "pal_engine_def.contact_law: %d: unknown law", (int)def->contact_law);
     }
     if (def->contact_points < 0 || def->contact_points > POINTS_MAX) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
@@ -130,8 +136,8 @@ static pal_status check(const pal_model *model, const pal_engine_def *def, pal_e
                         (int)def->reader_count, READERS_MAX, (int)def->frame_age);
     }
     if (def->field_by != PALPATE_FIELD_BY_SERVO && def->field_by != PALPATE_FIELD_BY_READER) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "pal_engine_def.field_by: %d: must be 0 or 1",
-                        (int)def->field_by);
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "pal_engine_def.field_by: %d: must be 0 or 1", (int)def->field_by);
     }
     if (!pal_pose_valid(&def->body_pose) || !pal_pose_valid(&def->device_to_world)) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
@@ -167,13 +173,15 @@ static size_t force32_bytes(const pal_model *model) {
 /// Nodal forces of one slot where the readers compute the field: dof, f, f32.
 static size_t slot_bytes(const pal_model *model) {
     size_t dofs = 3 * (size_t)model->info.column_count;
-    return pal_block_padded(dofs * sizeof(int32_t)) + pal_block_padded(dofs * sizeof(double)) + force32_bytes(model);
+    return pal_block_padded(dofs * sizeof(int32_t)) + pal_block_padded(dofs * sizeof(double)) +
+           force32_bytes(model);
 }
 
 /// Buffers of one reader.
 static size_t reader_bytes(const pal_model *model, const pal_engine_def *def) {
     return def->field_by == PALPATE_FIELD_BY_READER
-               ? 3 * slot_bytes(model) + pal_block_padded((size_t)pal_field_floats(model) * sizeof(float)) +
+               ? 3 * slot_bytes(model) +
+                     pal_block_padded((size_t)pal_field_floats(model) * sizeof(float)) +
                      pal_field_scratch_bytes(model)
                : pal_snapshot_bytes(pal_field_floats(model));
 }
@@ -243,8 +251,8 @@ pal_status pal_engine_create(const pal_model *model, const pal_engine_def *def, 
     engine->isa = pal_field_best();
     engine->law = pal_contact_law_for(&engine->def);
     pal_contact_def contact = contact_def(&engine->def);
-    engine->contact =
-        engine->law->init(pal_block_take(&at, engine->law->bytes(model, &contact)), model, &contact);
+    engine->contact = engine->law->init(pal_block_take(&at, engine->law->bytes(model, &contact)),
+                                        model, &contact);
     engine->force32 = pal_block_take(&at, force32_bytes(model));
     memset(engine->force32, 0, force32_bytes(model));
     engine->scratch = pal_block_take(&at, pal_field_scratch_bytes(model));

@@ -5,14 +5,14 @@
 #ifndef PALPATE_HAPTIC_ENGINE_H
 #define PALPATE_HAPTIC_ENGINE_H
 
-#include "haptic/contact.h"
-#include "haptic/field.h"
-#include "haptic/model.h"
-#include "haptic/output.h"
-#include "haptic/pose.h"
-#include "haptic/snapshot.h"
-#include "haptic/stages.h"
-#include "haptic/watchdog.h"
+#include "haptic/contact/contact.h"
+#include "haptic/engine/field.h"
+#include "haptic/model/model.h"
+#include "haptic/safety/output.h"
+#include "haptic/base/pose.h"
+#include "haptic/engine/snapshot.h"
+#include "haptic/base/stages.h"
+#include "haptic/safety/watchdog.h"
 #include <palpate/engine.h>
 
 struct pal_engine {

@@ -2,7 +2,7 @@
 ///
 /// The arithmetic is in field_sweep.h, written once with a wide type and instantiated per variant;
 /// only the conversion of halves differs. See field.h for the order of summation.
-#include "haptic/field.h"
+#include "haptic/engine/field.h"
 
 #include <string.h>
 
@@ -52,8 +52,7 @@ static void sweep_scalar(const pal_field_job *job) {
         float a = job->add ? job->out[i] : 0.0f;
         for (int32_t k = 0; k < job->count; k++) {
             int64_t at = (job->dof != NULL ? job->dof[k] : k) * job->ld + i;
-            float c = job->precision == PALPATE_PRECISION_SINGLE
-                          ? ((const float *)job->block)[at]
+            float c = job->precision == PALPATE_PRECISION_SINGLE ? ((const float *)job->block)[at]
                       : job->precision == PALPATE_PRECISION_SCALED
                           ? (float)((const int16_t *)job->block)[at]
                           : half_to_float(((const uint16_t *)job->block)[at]);
@@ -71,7 +70,7 @@ static void sweep_scalar(const pal_field_job *job) {
                                    half_to_float((p)[2]), half_to_float((p)[3])})
 #define SWEEP_INTEGER(p, v)                                                                        \
     ((v) = (sweep_portable_floats){(float)(p)[0], (float)(p)[1], (float)(p)[2], (float)(p)[3]})
-#include "haptic/field_sweep.h"
+#include "haptic/engine/field_sweep.h"
 #undef SWEEP
 #undef SWEEP_TARGET
 #undef SWEEP_WIDTH
@@ -87,7 +86,7 @@ static void sweep_scalar(const pal_field_job *job) {
 #define SWEEP_INTEGER(p, v)                                                                        \
     ((v) = (sweep_avx2_floats)_mm256_cvtepi32_ps(                                                  \
          _mm256_cvtepi16_epi32(_mm_loadu_si128((const __m128i *)(const void *)(p)))))
-#include "haptic/field_sweep.h"
+#include "haptic/engine/field_sweep.h"
 #undef SWEEP
 #undef SWEEP_TARGET
 #undef SWEEP_WIDTH
@@ -103,7 +102,7 @@ static void sweep_scalar(const pal_field_job *job) {
 #define SWEEP_INTEGER(p, v)                                                                        \
     ((v) = (sweep_avx512_floats)_mm512_cvtepi32_ps(                                                \
          _mm512_cvtepi16_epi32(_mm256_loadu_si256((const __m256i *)(const void *)(p)))))
-#include "haptic/field_sweep.h"
+#include "haptic/engine/field_sweep.h"
 #undef SWEEP
 #undef SWEEP_TARGET
 #undef SWEEP_WIDTH

@@ -7,7 +7,8 @@
 ///     a = 0;  a = a + f[0] c0[i];  a = a + f[1] c1[i];  ...
 /// with one rounding per product and one per sum (no fused multiply-add anywhere: the sweep waits
 /// for memory, not for arithmetic). Hence all variants agree bit for bit. Single, half and scaled
-/// storage (16-bit integers, exact in single precision) are summed in single precision, double storage in double precision and rounded once at the end.
+/// storage (16-bit integers, exact in single precision) are summed in single precision, double
+/// storage in double precision and rounded once at the end.
 #ifndef PALPATE_HAPTIC_FIELD_H
 #define PALPATE_HAPTIC_FIELD_H
 
@@ -27,13 +28,15 @@ typedef struct pal_field_job {
     pal_precision precision;
     const void *block; ///< 64-byte aligned; columns of ld elements
     int64_t ld;        ///< elements between columns, a multiple of 64 bytes
-    int64_t rows;      ///< rows to compute, a multiple of 8 (double), 16 (single), 32 (half, scaled); <= ld
-    int32_t count;     ///< columns to sum; 0 gives zero
+    int64_t
+        rows; ///< rows to compute, a multiple of 8 (double), 16 (single), 32 (half, scaled); <= ld
+    int32_t count;      ///< columns to sum; 0 gives zero
     const int32_t *dof; ///< column indices, shape [count]; NULL: 0, 1, 2, ...
     const double *f;    ///< nodal forces [N], shape [count]
-    const float *f32;   ///< the same times the columns' units, rounded to single precision, shape [count]
-    int32_t add;        ///< 1: add to what is in out (not in double precision)
-    float *out;         ///< displacement [m], shape [rows], 64-byte aligned
+    const float
+        *f32;    ///< the same times the columns' units, rounded to single precision, shape [count]
+    int32_t add; ///< 1: add to what is in out (not in double precision)
+    float *out;  ///< displacement [m], shape [rows], 64-byte aligned
 } pal_field_job;
 
 /// 1 when this processor runs the variant.

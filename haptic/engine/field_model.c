@@ -1,10 +1,11 @@
-/// @file field_model.c  Eq. 53 for a model: one sweep, or through the clusters' bases (row_bases.h).
+/// @file field_model.c  Eq. 53 for a model: one sweep, or through the clusters' bases
+/// (row_bases.h).
 ///
-/// Compressed: c = S f over the touched columns; per cluster U c into a tile of its own rows; the near
-/// pairs of the touched groups on top; then every node's three numbers to their place. Each of the three
-/// is the kernel of field.h, so the variants agree bit for bit.
-#include "haptic/field_model.h"
-#include "haptic/block.h"
+/// Compressed: c = S f over the touched columns; per cluster U c into a tile of its own rows; the
+/// near pairs of the touched groups on top; then every node's three numbers to their place. Each of
+/// the three is the kernel of field.h, so the variants agree bit for bit.
+#include "haptic/engine/field_model.h"
+#include "haptic/base/block.h"
 
 #include <string.h>
 
@@ -37,12 +38,13 @@ typedef struct scratch {
 static size_t lay_out(const pal_model *model, unsigned char *at, scratch *s) {
     const pal_row_bases *b = model->bases;
     size_t dofs = 3 * (size_t)model->info.column_count;
-    const size_t bytes[] = {pal_block_padded((size_t)swept_rows(model) * sizeof(float)),
-                            pal_block_padded((size_t)b->tile_start[b->cluster_count] * sizeof(float)),
-                            pal_block_padded(dofs * sizeof(float)),
-                            pal_block_padded(dofs * sizeof(int32_t)),
-                            pal_block_padded(dofs * sizeof(int32_t)),
-                            pal_block_padded((size_t)b->group_count * sizeof(int32_t))};
+    const size_t bytes[] = {
+        pal_block_padded((size_t)swept_rows(model) * sizeof(float)),
+        pal_block_padded((size_t)b->tile_start[b->cluster_count] * sizeof(float)),
+        pal_block_padded(dofs * sizeof(float)),
+        pal_block_padded(dofs * sizeof(int32_t)),
+        pal_block_padded(dofs * sizeof(int32_t)),
+        pal_block_padded((size_t)b->group_count * sizeof(int32_t))};
     size_t total = 0, start[6];
     for (int i = 0; i < 6; i++) {
         start[i] = total;
@@ -74,7 +76,8 @@ static void chain(const pal_row_bases *b, int32_t count, const int32_t *dof, con
 }
 
 /// Ask for the columns of a near pair: they are short and lie anywhere, so no prefetcher would.
-static inline void fetch(const pal_row_bases *b, int32_t pair, int32_t count, const int32_t *column) {
+static inline void fetch(const pal_row_bases *b, int32_t pair, int32_t count,
+                         const int32_t *column) {
     int64_t ld = pal_bases_ld(b, b->pair_cluster[pair]);
     const int16_t *data = b->near + b->near_start[pair];
     for (int32_t k = 0; k < count; k++) {
@@ -89,8 +92,7 @@ static void add_near(pal_isa isa, const pal_row_bases *b, int32_t group, const i
                      const double *f, const scratch *s) {
     int32_t count = 0;
     for (int32_t k = s->head[group]; k >= 0; k = s->next[k]) {
-        s->column[count++] =
-            3 * (b->column_place[dof[k] / 3] - b->group_start[group]) + dof[k] % 3;
+        s->column[count++] = 3 * (b->column_place[dof[k] / 3] - b->group_start[group]) + dof[k] % 3;
     }
     for (int32_t p = b->pair_start[group]; p < b->pair_start[group + 1]; p++) {
         int32_t r = b->pair_cluster[p], i = 0;
@@ -114,8 +116,9 @@ static void add_near(pal_isa isa, const pal_row_bases *b, int32_t group, const i
     }
 }
 
-static void compute_compressed(pal_isa isa, const pal_model *model, int32_t count, const int32_t *dof,
-                               const double *f, const float *f32, const scratch *s, float *out) {
+static void compute_compressed(pal_isa isa, const pal_model *model, int32_t count,
+                               const int32_t *dof, const double *f, const float *f32,
+                               const scratch *s, float *out) {
     const pal_row_bases *b = model->bases;
     if (b->rank > 0) {
         const pal_field_job job = {.precision = model->info.precision,
@@ -185,9 +188,10 @@ void pal_field_compute(pal_isa isa, const pal_model *model, int32_t count, const
 // ---- Cost ---------------------------------------------------------------------------------------
 
 double pal_field_predict(const pal_model *model, int32_t count, const int32_t *dof) {
-    // ns per byte, medians of bench/compress and bench/tick on a busy machine: touched columns come from
-    // beyond the cache (converting 16 bits costs a little), bases stay in it, near pairs are short runs;
-    // a sweep over one pair or cluster has to start, and every row finds its place in the end
+    // ns per byte, medians of bench/compress and bench/tick on a busy machine: touched columns come
+    // from beyond the cache (converting 16 bits costs a little), bases stay in it, near pairs are
+    // short runs; a sweep over one pair or cluster has to start, and every row finds its place in
+    // the end
     static const double touched_ns = 0.035, integer_ns = 0.045, basis_ns = 0.06, near_ns = 0.18,
                         pair_ns = 60, cluster_ns = 60, row_ns = 0.4;
     const pal_row_bases *b = model->bases;

@@ -7,10 +7,10 @@
 ///   SWEEP_HALF(p, v) load SWEEP_WIDTH / 4 halves at p into the float vector v
 ///   SWEEP_INTEGER(p, v) the same for 16-bit integers
 ///
-/// Blocking: a panel of SWEEP_ROWS rows of the result stays in cache while the columns are swept over
-/// it, SWEEP_GROUP columns per pass, so that the panel is read and written once per SWEEP_GROUP
-/// columns and every column is read in long consecutive runs (the prefetcher's favourite). Nodal
-/// forces come in threes, so the remainder is swept by sixes and threes.
+/// Blocking: a panel of SWEEP_ROWS rows of the result stays in cache while the columns are swept
+/// over it, SWEEP_GROUP columns per pass, so that the panel is read and written once per
+/// SWEEP_GROUP columns and every column is read in long consecutive runs (the prefetcher's
+/// favourite). Nodal forces come in threes, so the remainder is swept by sixes and threes.
 
 typedef float SWEEP(floats) __attribute__((vector_size(SWEEP_WIDTH), aligned(4), may_alias));
 typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8), may_alias));
@@ -29,8 +29,8 @@ typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8
         *(VECTOR *)(void *)(acc + i) = a;                                                          \
     }
 
-/// acc[i] += sum over GROUP columns from `first`, rows [row, row + rows); acc starts from zero at the
-/// first column
+/// acc[i] += sum over GROUP columns from `first`, rows [row, row + rows); acc starts from zero at
+/// the first column
 #define SWEEP_PASS(NAME, GROUP, ELEMENT, SCALAR, VECTOR, LOAD, FACTOR)                             \
     SWEEP_TARGET static void SWEEP(NAME)(const pal_field_job *job, int32_t first, int64_t row,     \
                                          int64_t rows, SCALAR *acc) {                              \
@@ -103,7 +103,8 @@ SWEEP_EXPAND(double_three, 3, SWEEP_DOUBLE)
 SWEEP_EXPAND(double_one, 1, SWEEP_DOUBLE)
 SWEEP_PANEL(panel_double, double, double)
 
-// Short blocks (one cluster's rows): VECTORS vectors of the result stay in registers over all columns.
+// Short blocks (one cluster's rows): VECTORS vectors of the result stay in registers over all
+// columns.
 #define SWEEP_TILE(VECTORS)                                                                        \
     SWEEP_TARGET static void SWEEP(tile_##VECTORS)(const pal_field_job *job, int64_t row) {        \
         enum { LANES = SWEEP_WIDTH / (int)sizeof(float) };                                         \

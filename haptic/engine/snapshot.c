@@ -1,5 +1,5 @@
 /// @file snapshot.c  Wait-free triple buffer, one per reader (see snapshot.h for the protocol).
-#include "haptic/snapshot.h"
+#include "haptic/engine/snapshot.h"
 
 static size_t buffer_bytes(int64_t floats) {
     size_t bytes = (size_t)floats * sizeof(float);

@@ -2,7 +2,7 @@
 ///
 /// Layout and promises: file_header.h. Thread: any; two processes may save the same path at once,
 /// the later rename wins and both files are whole.
-#include "haptic/file_header.h"
+#include "haptic/model/file_header.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -14,8 +14,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
-#include "haptic/hash.h"
+#include "haptic/base/error.h"
+#include "haptic/base/hash.h"
 
 enum {
     KIND_AT = 8,

@@ -3,7 +3,7 @@
 /// Images: HDF5's core driver with file-image callbacks. A written image is the driver's own
 /// buffer, kept when the driver closes; a read image is the caller's buffer, handed out for every
 /// "copy", so no second copy of a model is ever made.
-#include "haptic/h5.h"
+#include "haptic/model/h5.h"
 
 #include <errno.h>
 #include <pthread.h>
@@ -14,7 +14,7 @@
 
 #include <hdf5.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "files are little endian, so is memory");
 

@@ -1,8 +1,8 @@
 /// @file model.c  The model in memory: life, accessors, storage precision of the rows.
 ///
-/// Layout: haptic/model.h. A model is filled by one thread and immutable afterwards; everything
-/// that takes a const pal_model is safe from any thread.
-#include "haptic/model.h"
+/// Layout: haptic/model/model.h. A model is filled by one thread and immutable afterwards;
+/// everything that takes a const pal_model is safe from any thread.
+#include "haptic/model/model.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -14,7 +14,7 @@
 #include <immintrin.h>
 #endif
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 enum { ROW_ALIGNMENT = 64, PAGE = 4096, HUGE_PAGE = 1 << 21 };
 
@@ -293,9 +293,8 @@ pal_status pal_model_alloc_rows(pal_model *model, pal_error *error) {
     if (pal_model_block_rows(model) == 0 || info->column_count == 0) {
         return PALPATE_OK;
     }
-    size_t column =
-        ((size_t)pal_model_block_rows(model) * element + ROW_ALIGNMENT - 1) / ROW_ALIGNMENT *
-        ROW_ALIGNMENT;
+    size_t column = ((size_t)pal_model_block_rows(model) * element + ROW_ALIGNMENT - 1) /
+                    ROW_ALIGNMENT * ROW_ALIGNMENT;
     if (column % PAGE == 0) { // a dozen columns swept together must not share one set of the cache
         column += ROW_ALIGNMENT;
     }
@@ -305,7 +304,8 @@ pal_status pal_model_alloc_rows(pal_model *model, pal_error *error) {
     }
     // the sweep walks a dozen columns at once: with 4 KiB pages it would miss the TLB in each
     size_t alignment = bytes >= 2 * HUGE_PAGE ? HUGE_PAGE : ROW_ALIGNMENT;
-    // C17 leaves a size that is no multiple of the alignment to the library; AddressSanitizer refuses it
+    // C17 leaves a size that is no multiple of the alignment to the library; AddressSanitizer
+    // refuses it
     void *rows = bytes <= PTRDIFF_MAX - HUGE_PAGE
                      ? aligned_alloc(alignment, (bytes + alignment - 1) / alignment * alignment)
                      : NULL;
@@ -324,7 +324,8 @@ pal_status pal_model_alloc_rows(pal_model *model, pal_error *error) {
         model->column_scale = malloc(columns * sizeof *model->column_scale);
         if (model->column_scale == NULL) {
             free(rows);
-            return pal_fail(error, PALPATE_ERROR_MEMORY, "model: no memory for %zu scales", columns);
+            return pal_fail(error, PALPATE_ERROR_MEMORY, "model: no memory for %zu scales",
+                            columns);
         }
         for (size_t i = 0; i < columns; i++) {
             model->column_scale[i] = 1;
@@ -352,8 +353,8 @@ static void *column_start(const pal_model *model, int64_t dof) {
 
 uint64_t pal_model_row_bytes(const pal_model *model) {
     uint64_t columns = 3 * (uint64_t)model->info.column_count;
-    uint64_t block = columns * (uint64_t)pal_model_block_rows(model) *
-                     pal_precision_size(model->info.precision);
+    uint64_t block =
+        columns * (uint64_t)pal_model_block_rows(model) * pal_precision_size(model->info.precision);
     return block + (model->column_scale != NULL ? columns * sizeof *model->column_scale : 0) +
            (model->bases != NULL ? pal_row_bases_bytes(model->bases) : 0);
 }

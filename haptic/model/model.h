@@ -9,7 +9,7 @@
 
 #include <palpate/model.h>
 
-#include "haptic/row_bases.h"
+#include "haptic/model/row_bases.h"
 
 enum { PALPATE_NODE_FIXED = 1, PALPATE_NODE_TOUCHABLE = 2 };
 
@@ -54,8 +54,8 @@ struct pal_model {
     /// Scaled precision: column dof's integers times column_scale[dof] are in m/N, shape
     /// [3 column_count], each finite and positive; NULL in the other precisions.
     double *column_scale;
-    /// NULL: c_st has 3 row_count rows. Else the rows are compressed (row_bases.h), the precision is scaled
-    /// and c_st holds the bases' coefficients S: `rank` rows, no c_st when that is 0.
+    /// NULL: c_st has 3 row_count rows. Else the rows are compressed (row_bases.h), the precision
+    /// is scaled and c_st holds the bases' coefficients S: `rank` rows, no c_st when that is 0.
     pal_row_bases *bases;
     /// Probe rows (3 probe_count x 3t) [m/N], column-major, ld = 3 probe_count.
     double *probe_row;
@@ -66,9 +66,10 @@ struct pal_model {
     int32_t skin_triangle_count;
     double *skin_position;  ///< (skin_count x 3)
     int32_t *skin_triangle; ///< (skin_triangle_count x 3) twins' representatives
-    int32_t *skin_twin;     ///< (skin_count) vertex whose normal this one shares: same place; itself when alone
-    int32_t *skin_row;      ///< (skin_count x PALPATE_SKIN_WEIGHTS) index into row_node; -1: unused
-    float *skin_weight;     ///< (skin_count x PALPATE_SKIN_WEIGHTS)
+    int32_t *skin_twin; ///< (skin_count) vertex whose normal this one shares: same place; itself
+                        ///< when alone
+    int32_t *skin_row;  ///< (skin_count x PALPATE_SKIN_WEIGHTS) index into row_node; -1: unused
+    float *skin_weight; ///< (skin_count x PALPATE_SKIN_WEIGHTS)
 
     char *scene_text; ///< canonical scene (with defaults), NUL-terminated; may be NULL
 };
@@ -87,8 +88,9 @@ PALPATE_API uint64_t pal_model_row_bytes(const pal_model *model);
 /// Bytes of one element of c_st.
 PALPATE_API size_t pal_precision_size(pal_precision precision);
 
-/// Allocate c_st (and column_scale, ones) for info.row_count, info.column_count, info.precision; set
-/// row_ld, row_scale = 1 (zeroed; NULL and row_ld 0 when there are no rows). Frees an older c_st.
+/// Allocate c_st (and column_scale, ones) for info.row_count, info.column_count, info.precision;
+/// set row_ld, row_scale = 1 (zeroed; NULL and row_ld 0 when there are no rows). Frees an older
+/// c_st.
 /// @return PALPATE_OK; _ARGUMENT (counts or precision), _MEMORY
 PALPATE_API pal_status pal_model_alloc_rows(pal_model *model, pal_error *error);
 
@@ -122,18 +124,21 @@ enum { PALPATE_SCALED_MAX = 32767 };
 /// numbers are the integers of magnitude up to PALPATE_SCALED_MAX).
 PALPATE_API pal_status pal_precision_store(pal_precision precision, const double *in, int64_t count,
                                            void *out);
-PALPATE_API void pal_precision_load(pal_precision precision, const void *in, int64_t count, double *out);
+PALPATE_API void pal_precision_load(pal_precision precision, const void *in, int64_t count,
+                                    double *out);
 
-/// Version of the model file's content; a file with a higher one is refused. A model is written with the
-/// lowest version that can hold it: 1; 2 for rows in scaled precision or compressed.
+/// Version of the model file's content; a file with a higher one is refused. A model is written
+/// with the lowest version that can hold it: 1; 2 for rows in scaled precision or compressed.
 enum { PALPATE_MODEL_VERSION = 2 };
 
 /// The model as a sealed file image (file_header.h), to be freed by the caller.
-PALPATE_API pal_status pal_model_image(const pal_model *model, void **image, size_t *size, pal_error *error);
+PALPATE_API pal_status pal_model_image(const pal_model *model, void **image, size_t *size,
+                                       pal_error *error);
 
 /// Parse an image whose checksums were verified already (or, when fuzzing, on purpose not).
 /// @return PALPATE_OK; _FORMAT, _MEMORY. *out is NULL on error.
-PALPATE_API pal_status pal_model_parse(const void *image, size_t size, pal_model **out, pal_error *error);
+PALPATE_API pal_status pal_model_parse(const void *image, size_t size, pal_model **out,
+                                       pal_error *error);
 
 /// pal_model_save with the file's permissions before the umask; pal_model_save uses 0666.
 PALPATE_API pal_status pal_model_save_mode(const pal_model *model, const char *path, unsigned mode,

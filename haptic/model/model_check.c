@@ -6,9 +6,9 @@
 #include <math.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "haptic/model.h"
-#include "haptic/watchdog.h"
+#include "haptic/base/error.h"
+#include "haptic/model/model.h"
+#include "haptic/safety/watchdog.h"
 
 #define BAD(...) pal_fail(error, PALPATE_ERROR_ARGUMENT, "model: " __VA_ARGS__)
 
@@ -173,13 +173,14 @@ static pal_status check_runtime(const pal_runtime_config *runtime, pal_error *er
         const pal_simulated *simulated = &tool->device.simulated;
         TRY(check_count("tool model", (int64_t)simulated->model, PALPATE_SIMULATED_TOUCH,
                         PALPATE_SIMULATED_PREMIUM, error));
-        TRY(check_count("tool grip", (int64_t)simulated->grip, PALPATE_GRIP_FIRM,
-                        PALPATE_GRIP_NONE, error));
-        double figures[] = {simulated->mass,         simulated->damping,      simulated->friction,
-                            simulated->resolution,   simulated->force,        simulated->stiffness,
-                            simulated->reach,        simulated->hand_mass,    simulated->hand_damping,
-                            simulated->hand_stiffness, simulated->push,       simulated->kick,
-                            simulated->release,      simulated->grasp};
+        TRY(check_count("tool grip", (int64_t)simulated->grip, PALPATE_GRIP_FIRM, PALPATE_GRIP_NONE,
+                        error));
+        double figures[] = {
+            simulated->mass,           simulated->damping,   simulated->friction,
+            simulated->resolution,     simulated->force,     simulated->stiffness,
+            simulated->reach,          simulated->hand_mass, simulated->hand_damping,
+            simulated->hand_stiffness, simulated->push,      simulated->kick,
+            simulated->release,        simulated->grasp};
         TRY(check_finite("simulated device", figures, 14, error));
         double numbers[] = {tool->radius,
                             tool->length,
@@ -208,8 +209,8 @@ static pal_status check_runtime(const pal_runtime_config *runtime, pal_error *er
             numbers[k] = numbers[k] == (double)INFINITY ? 0.0 : numbers[k];
         }
         TRY(check_finite("tool", numbers, (int64_t)(sizeof numbers / sizeof *numbers), error));
-        double spec[] = {tool->spec.max_force,     tool->spec.max_torque, tool->spec.max_stiffness,
-                         tool->spec.max_damping,   tool->spec.max_speed,  tool->spec.damping,
+        double spec[] = {tool->spec.max_force,   tool->spec.max_torque, tool->spec.max_stiffness,
+                         tool->spec.max_damping, tool->spec.max_speed,  tool->spec.damping,
                          tool->spec.resolution};
         TRY(check_finite("device spec", spec, (int64_t)(sizeof spec / sizeof *spec), error));
         for (int k = 0; k < 8; k++) { // sizes, coupling and limits

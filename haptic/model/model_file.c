@@ -17,10 +17,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "haptic/file_header.h"
-#include "haptic/h5.h"
-#include "haptic/model.h"
+#include "haptic/base/error.h"
+#include "haptic/model/file_header.h"
+#include "haptic/model/h5.h"
+#include "haptic/model/model.h"
 
 // ---- Scalars ------------------------------------------------------------------------------------
 
@@ -135,7 +135,8 @@ static const field added_fields[] = {
     {"/info/field_error", AT(info.field_error), F64, 1, "1",
      "displacement error of the stored rows over sampled contacts, relative to the largest"},
     {"/info/field_tolerance", AT(info.field_tolerance), F64, 1, "1", "asked for; 0: none"},
-    {"/info/field_us", AT(info.field_us), F64, 1, "us", "predicted time of a field, 45 nodes touched"},
+    {"/info/field_us", AT(info.field_us), F64, 1, "us",
+     "predicted time of a field, 45 nodes touched"},
     {"/runtime/field_by", AT(runtime.field_by), I32, 1, "1",
      "who computes the displacement field: 0 servo, 1 reader"},
     {"/runtime/watchdog_stale", AT(runtime.watchdog.stale), F64, 1, "s", "0: the default"},
@@ -328,8 +329,8 @@ static pal_h5_type row_type(pal_precision precision) {
 }
 
 /// Integers of 16 bits in one run; reading fills what pal_row_bases_alloc made.
-static pal_status transfer_integers(const transfer *t, const char *path, int64_t count, int16_t *data,
-                                    const char *description) {
+static pal_status transfer_integers(const transfer *t, const char *path, int64_t count,
+                                    int16_t *data, const char *description) {
     int64_t dims[1] = {count};
     return t->reading ? pal_h5_read(t->file, path, PALPATE_H5_I16, 1, dims, data, t->error)
                       : pal_h5_write(t->file, path, PALPATE_H5_I16, 1, dims, data, "1", description,
@@ -340,17 +341,21 @@ static pal_status transfer_scales(const transfer *t, const char *path, int64_t c
                                   const char *unit, const char *description) {
     int64_t dims[1] = {count};
     return t->reading ? pal_h5_read(t->file, path, PALPATE_H5_F32, 1, dims, data, t->error)
-                      : pal_h5_write(t->file, path, PALPATE_H5_F32, 1, dims, data, unit, description,
-                                     t->error);
+                      : pal_h5_write(t->file, path, PALPATE_H5_F32, 1, dims, data, unit,
+                                     description, t->error);
 }
 
 /// Compressed rows: /rows is there for them alone. Every count is checked before it sizes anything.
 static pal_status transfer_bases(const transfer *t, pal_model *model) {
     static const field fields[] = {
-        {"/rows/cluster_count", offsetof(pal_row_bases, cluster_count), I32, 1, "1", "clusters of rows"},
-        {"/rows/group_count", offsetof(pal_row_bases, group_count), I32, 1, "1", "groups of columns"},
-        {"/rows/pair_count", offsetof(pal_row_bases, pair_count), I32, 1, "1", "near pairs of both"},
-        {"/rows/rank", offsetof(pal_row_bases, rank), I32, 1, "1", "rows of c_st: all clusters' ranks"},
+        {"/rows/cluster_count", offsetof(pal_row_bases, cluster_count), I32, 1, "1",
+         "clusters of rows"},
+        {"/rows/group_count", offsetof(pal_row_bases, group_count), I32, 1, "1",
+         "groups of columns"},
+        {"/rows/pair_count", offsetof(pal_row_bases, pair_count), I32, 1, "1",
+         "near pairs of both"},
+        {"/rows/rank", offsetof(pal_row_bases, rank), I32, 1, "1",
+         "rows of c_st: all clusters' ranks"},
     };
     const pal_model_info *i = &model->info;
     if (t->reading ? !pal_h5_has(t->file, "/rows/rank") : model->bases == NULL) {
@@ -367,12 +372,12 @@ static pal_status transfer_bases(const transfer *t, pal_model *model) {
     const int32_t count[] = {b->cluster_count, b->group_count, b->pair_count, b->rank};
     for (size_t k = 0; k < sizeof count / sizeof *count; k++) {
         if (count[k] < 0 || count[k] > PALPATE_COUNT_MAX) {
-            return pal_fail(t->error, PALPATE_ERROR_FORMAT, "%s is %d, out of range", fields[k].path,
-                            (int)count[k]);
+            return pal_fail(t->error, PALPATE_ERROR_FORMAT, "%s is %d, out of range",
+                            fields[k].path, (int)count[k]);
         }
     }
-    ARRAY("/rows/cluster_start", PALPATE_H5_I32, (int64_t)b->cluster_count + 1, 0, b->cluster_start, "1",
-          "first position of each cluster in row_order");
+    ARRAY("/rows/cluster_start", PALPATE_H5_I32, (int64_t)b->cluster_count + 1, 0, b->cluster_start,
+          "1", "first position of each cluster in row_order");
     ARRAY("/rows/row_order", PALPATE_H5_I32, i->row_count, 0, b->row_order, "1",
           "row at each position");
     ARRAY("/rows/rank_start", PALPATE_H5_I32, (int64_t)b->cluster_count + 1, 0, b->rank_start, "1",
@@ -405,8 +410,9 @@ static pal_status transfer_bases(const transfer *t, pal_model *model) {
                           "bases U, cluster by cluster, column by column, rows padded to 32"));
     TRY(transfer_scales(t, "/rows/basis_scale", b->rank, b->basis_scale, "1",
                         "column k of all bases times this is orthonormal"));
-    TRY(transfer_integers(t, "/rows/near", b->near_start[b->pair_count], b->near,
-                          "what U c_st leaves of C in the near pairs, pair by pair, column by column"));
+    TRY(transfer_integers(
+        t, "/rows/near", b->near_start[b->pair_count], b->near,
+        "what U c_st leaves of C in the near pairs, pair by pair, column by column"));
     return transfer_scales(t, "/rows/near_scale", b->near_scale_start[b->pair_count], b->near_scale,
                            "m/N", "column of a near pair times this is in m/N");
 }
@@ -428,7 +434,8 @@ static pal_status transfer_rows(const transfer *t, pal_model *model) {
         TRY(pal_model_alloc_rows(model, t->error));
         model->row_scale = scale;
         if (model->column_scale != NULL) {
-            TRY(pal_h5_read(t->file, scales, PALPATE_H5_F64, 1, dims, model->column_scale, t->error));
+            TRY(pal_h5_read(t->file, scales, PALPATE_H5_F64, 1, dims, model->column_scale,
+                            t->error));
         }
         return pal_h5_read_rows(t->file, path, type, 2, dims, 0, dims[0], model->row_ld,
                                 model->c_st, t->error);
@@ -436,8 +443,10 @@ static pal_status transfer_rows(const transfer *t, pal_model *model) {
     TRY(pal_h5_declare(
         t->file, path, type, 2, dims, "m/N / row_scale",
         model->bases != NULL
-            ? "coefficients S: entry (j, i) belongs to column i of the bases in /rows; C_ST = U S + near"
-            : "compliance C_ST: entry (j, i) is the displacement of row dof i under a unit force in "
+            ? "coefficients S: entry (j, i) belongs to column i of the bases in /rows; C_ST = U S "
+              "+ near"
+            : "compliance C_ST: entry (j, i) is the displacement of row dof i under a unit force "
+              "in "
               "column dof j; dof 3k + c: node k of row_node or column_node, direction c",
         t->error));
     if (dims[0] == 0 || dims[1] == 0) {
@@ -605,8 +614,7 @@ static pal_status transfer_model(const transfer *t, pal_model *model) {
 static size_t expected_size(const pal_model *model) {
     const pal_model_info *i = &model->info;
     size_t n = 3 * (size_t)i->column_count;
-    return ((size_t)1 << 17) + n * n * 8 +
-           pal_model_row_bytes(model) + 32 * (size_t)i->row_count +
+    return ((size_t)1 << 17) + n * n * 8 + pal_model_row_bytes(model) + 32 * (size_t)i->row_count +
            (size_t)i->node_count * 80 + (size_t)i->triangle_count * 12 +
            (size_t)i->skin_count * 100 + (size_t)model->skin_triangle_count * 12 +
            n * 24 * (size_t)i->probe_count;
@@ -614,7 +622,8 @@ static size_t expected_size(const pal_model *model) {
 
 /// The lowest version whose readers know everything in this model.
 static uint32_t needed_version(const pal_model *model) {
-    return model->info.precision == PALPATE_PRECISION_SCALED ? 2 : 1; // compressed rows are scaled too
+    return model->info.precision == PALPATE_PRECISION_SCALED ? 2
+                                                             : 1; // compressed rows are scaled too
 }
 
 pal_status pal_model_image(const pal_model *model, void **image, size_t *size, pal_error *error) {
@@ -630,7 +639,7 @@ pal_status pal_model_image(const pal_model *model, void **image, size_t *size, p
     pal_status status =
         pal_h5_describe(file, "/",
                         "Palpate model: precomputed compliance of a deformable body. SI units. "
-                        "Documentation: README of Palpate; layout: haptic/model.h",
+                        "Documentation: README of Palpate; layout: haptic/model/model.h",
                         error);
     if (status == PALPATE_OK) {
         status = transfer_model(&t, walked);

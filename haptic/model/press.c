@@ -11,9 +11,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/dense.h"
-#include "haptic/error.h"
-#include "haptic/model.h"
+#include "haptic/base/dense.h"
+#include "haptic/base/error.h"
+#include "haptic/model/model.h"
 
 static const pal_patch *find_patch(const pal_model *model, const char *name, pal_error *error) {
     for (int32_t i = 0; i < model->info.patch_count; i++) {
@@ -28,10 +28,11 @@ static const pal_patch *find_patch(const pal_model *model, const char *name, pal
                          model->patch[i].name);
         at += n > 0 ? (size_t)n : 0;
     }
-    (void)pal_fail(error, PALPATE_ERROR_NOT_FOUND,
-                   "patch \"%.64s\": the model has no such patch; its patches are: %s; name one of them "
-                   "or add it to body.patches in the scene",
-                   name, names);
+    (void)pal_fail(
+        error, PALPATE_ERROR_NOT_FOUND,
+        "patch \"%.64s\": the model has no such patch; its patches are: %s; name one of them "
+        "or add it to body.patches in the scene",
+        name, names);
     return NULL;
 }
 

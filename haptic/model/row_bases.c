@@ -1,11 +1,11 @@
 /// @file row_bases.c  Life and checks of the compressed rows (see row_bases.h). Thread: any.
-#include "haptic/row_bases.h"
+#include "haptic/model/row_bases.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 #define BAD(...) pal_fail(error, PALPATE_ERROR_ARGUMENT, "model: rows: " __VA_ARGS__)
 
@@ -45,7 +45,8 @@ static pal_status check_starts(const char *name, const int32_t *first, int32_t c
                    (int)end);
     }
     for (int32_t i = 0; i < count; i++) {
-        if (first[i + 1] < first[i] || (strictly && first[i + 1] == first[i]) || first[i + 1] > end) {
+        if (first[i + 1] < first[i] || (strictly && first[i + 1] == first[i]) ||
+            first[i + 1] > end) {
             return BAD("%s[%d] is %d after %d", name, (int)i + 1, (int)first[i + 1], (int)first[i]);
         }
     }
@@ -53,8 +54,8 @@ static pal_status check_starts(const char *name, const int32_t *first, int32_t c
 }
 
 /// Each of 0 .. count - 1 once; its inverse goes to `place` (count).
-static pal_status invert(const char *name, const int32_t *order, int32_t count,
-                         int32_t *place, pal_error *error) {
+static pal_status invert(const char *name, const int32_t *order, int32_t count, int32_t *place,
+                         pal_error *error) {
     if (order == NULL && count > 0) {
         return BAD("%s is missing", name);
     }
@@ -63,8 +64,8 @@ static pal_status invert(const char *name, const int32_t *order, int32_t count,
     }
     for (int32_t i = 0; i < count; i++) {
         if (order[i] < 0 || order[i] >= count || place[order[i]] >= 0) {
-            return BAD("%s[%d] is %d, must be a permutation of 0 to %d", name, (int)i, (int)order[i],
-                       (int)count - 1);
+            return BAD("%s[%d] is %d, must be a permutation of 0 to %d", name, (int)i,
+                       (int)order[i], (int)count - 1);
         }
         place[order[i]] = i;
     }
@@ -77,17 +78,19 @@ static pal_status check_structure(const pal_row_bases *b, int32_t row_count, int
         b->group_count < 1 || b->group_count > column_count || b->rank < 0 ||
         (int64_t)b->rank > 3 * (int64_t)row_count || b->pair_count < 0 ||
         (int64_t)b->pair_count > (int64_t)b->cluster_count * b->group_count) {
-        return BAD("%d clusters, %d groups, %d near pairs, rank %d do not fit %d rows of %d columns",
-                   (int)b->cluster_count, (int)b->group_count, (int)b->pair_count, (int)b->rank,
-                   (int)row_count, (int)column_count);
+        return BAD(
+            "%d clusters, %d groups, %d near pairs, rank %d do not fit %d rows of %d columns",
+            (int)b->cluster_count, (int)b->group_count, (int)b->pair_count, (int)b->rank,
+            (int)row_count, (int)column_count);
     }
-    pal_status status = check_starts("cluster_start", b->cluster_start, b->cluster_count, row_count, 1,
-                                     error);
+    pal_status status =
+        check_starts("cluster_start", b->cluster_start, b->cluster_count, row_count, 1, error);
     if (status == PALPATE_OK) {
         status = check_starts("rank_start", b->rank_start, b->cluster_count, b->rank, 0, error);
     }
     if (status == PALPATE_OK) {
-        status = check_starts("group_start", b->group_start, b->group_count, column_count, 1, error);
+        status =
+            check_starts("group_start", b->group_start, b->group_count, column_count, 1, error);
     }
     if (status == PALPATE_OK) {
         status = check_starts("pair_start", b->pair_start, b->group_count, b->pair_count, 0, error);
@@ -211,16 +214,17 @@ pal_status pal_row_bases_alloc(pal_row_bases *b, pal_error *error) {
     b->basis = integers(b->basis_start[b->cluster_count]);
     b->near = integers(b->near_start[b->pair_count]);
     b->basis_scale = calloc((size_t)b->rank + 1, sizeof *b->basis_scale);
-    b->near_scale =
-        calloc((size_t)b->near_scale_start[b->pair_count] + 1, sizeof *b->near_scale);
+    b->near_scale = calloc((size_t)b->near_scale_start[b->pair_count] + 1, sizeof *b->near_scale);
     if (b->basis == NULL || b->near == NULL || b->basis_scale == NULL || b->near_scale == NULL) {
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "model: no memory for %.3g MB of compressed rows",
-                        2e-6 * (double)(b->basis_start[b->cluster_count] + b->near_start[b->pair_count]));
+        return pal_fail(
+            error, PALPATE_ERROR_MEMORY, "model: no memory for %.3g MB of compressed rows",
+            2e-6 * (double)(b->basis_start[b->cluster_count] + b->near_start[b->pair_count]));
     }
     return PALPATE_OK;
 }
 
-static pal_status check_scales(const char *name, const float *scale, int64_t count, pal_error *error) {
+static pal_status check_scales(const char *name, const float *scale, int64_t count,
+                               pal_error *error) {
     if (scale == NULL) {
         return BAD("%s is missing", name);
     }

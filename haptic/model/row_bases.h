@@ -1,17 +1,19 @@
-/// @file row_bases.h  The stored rows C_ST in compressed form: a small basis per cluster of rows (private).
+/// @file row_bases.h  The stored rows C_ST in compressed form: a small basis per cluster of rows
+/// (private).
 ///
-/// A field far from the tool is smooth, whatever touches: over a cluster of neighbouring rows r, all
-/// columns of nodes further away lie in a space of few dimensions. With an orthonormal basis U_r of it
-/// (rows x rank) and the touchable nodes in groups g,
+/// A field far from the tool is smooth, whatever touches: over a cluster of neighbouring rows r,
+/// all columns of nodes further away lie in a space of few dimensions. With an orthonormal basis
+/// U_r of it (rows x rank) and the touchable nodes in groups g,
 ///     C_rj  =  U_r S_rj  +  D_rg(j)     S_rj = U_r^T C_rj for every column j,
-/// where D_rg = C_rg - U_r S_rg is stored only for the few pairs (r, g) where it exceeds the tolerance:
-/// the group lies in the cluster or beside it. A field costs S (ranks instead of rows) over the touched
-/// columns, then U once, however many nodes are touched, then the near pairs. This is the row half of an
-/// H^2-matrix of one level (Hackbusch, Hierarchical Matrices: Algorithms and Analysis, 2015, ch. 8), made
-/// algebraically by src/compress.c.
+/// where D_rg = C_rg - U_r S_rg is stored only for the few pairs (r, g) where it exceeds the
+/// tolerance: the group lies in the cluster or beside it. A field costs S (ranks instead of rows)
+/// over the touched columns, then U once, however many nodes are touched, then the near pairs. This
+/// is the row half of an H^2-matrix of one level (Hackbusch, Hierarchical Matrices: Algorithms and
+/// Analysis, 2015, ch. 8), made algebraically by src/store/compress.c.
 ///
-/// S is the model's c_st (scaled precision, `rank` rows instead of 3 row_count). U and D are columns of
-/// 16-bit integers with a scale each. Everything is immutable once filled; owned by the model.
+/// S is the model's c_st (scaled precision, `rank` rows instead of 3 row_count). U and D are
+/// columns of 16-bit integers with a scale each. Everything is immutable once filled; owned by the
+/// model.
 #ifndef PALPATE_HAPTIC_ROW_BASES_H
 #define PALPATE_HAPTIC_ROW_BASES_H
 
@@ -31,7 +33,8 @@ typedef struct pal_row_bases {
     int32_t *pair_start;    ///< (group_count + 1) first near pair of each group
     int32_t *pair_cluster;  ///< (pair_count) its cluster; ascending within a group
 
-    int16_t *basis;     ///< U: cluster r at basis_start[r], rank columns of pal_bases_ld(r); 64-byte aligned
+    int16_t *
+        basis; ///< U: cluster r at basis_start[r], rank columns of pal_bases_ld(r); 64-byte aligned
     float *basis_scale; ///< (rank)
     int16_t *near;      ///< D: pair p at near_start[p], 3 columns per node of the group, each of
                         ///< pal_bases_ld(cluster); 64-byte aligned
@@ -49,7 +52,8 @@ typedef struct pal_row_bases {
 
 /// Rows of a cluster in storage: 3 per node, up to whole lines of 64 bytes.
 static inline int64_t pal_bases_ld(const pal_row_bases *b, int32_t cluster) {
-    return (3 * (int64_t)(b->cluster_start[cluster + 1] - b->cluster_start[cluster]) + 31) / 32 * 32;
+    return (3 * (int64_t)(b->cluster_start[cluster + 1] - b->cluster_start[cluster]) + 31) / 32 *
+           32;
 }
 static inline int32_t pal_bases_rank(const pal_row_bases *b, int32_t cluster) {
     return b->rank_start[cluster + 1] - b->rank_start[cluster];
@@ -57,8 +61,8 @@ static inline int32_t pal_bases_rank(const pal_row_bases *b, int32_t cluster) {
 
 /// Check the counts and index arrays, which must be there, against each other and make the derived
 /// arrays. Nothing is read of the data. @return PALPATE_OK; _ARGUMENT saying what is wrong, _MEMORY
-PALPATE_API pal_status pal_row_bases_derive(pal_row_bases *b, int32_t row_count, int32_t column_count,
-                                            pal_error *error);
+PALPATE_API pal_status pal_row_bases_derive(pal_row_bases *b, int32_t row_count,
+                                            int32_t column_count, pal_error *error);
 
 /// Allocate the data for the derived sizes (zeroed).
 PALPATE_API pal_status pal_row_bases_alloc(pal_row_bases *b, pal_error *error);

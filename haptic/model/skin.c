@@ -1,14 +1,15 @@
 /// @file skin.c  Displacement and normals at the vertices of the mesh a host draws.
 ///
 /// u(vertex) = sum_k weight_k u(row_k) with stored weights (barycentric at the nearest point of the
-/// cloud's surface, made offline by src/skin.c). A model without such a mesh serves its own surface
-/// nodes and triangles. Normals: sum of the deformed triangles' area vectors around a vertex and all
-/// others at the same place (twins, where textures are cut), made unit. Thread: any (the reader's); the model and the frame are only read. No allocation.
+/// cloud's surface, made offline by src/cloud/skin.c). A model without such a mesh serves its own
+/// surface nodes and triangles. Normals: sum of the deformed triangles' area vectors around a
+/// vertex and all others at the same place (twins, where textures are cut), made unit. Thread: any
+/// (the reader's); the model and the frame are only read. No allocation.
 #include <math.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "haptic/model.h"
+#include "haptic/base/error.h"
+#include "haptic/model/model.h"
 
 #include <palpate/engine.h>
 

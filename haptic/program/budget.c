@@ -1,18 +1,18 @@
 /// @file budget.c  From a budget to settings: measure, predict, pick, build, check.
 ///
-/// Two pilot models per method, with all spacings 2 and 1.26 times the scene's (1.26 and 0.8 in thin
-/// bodies), are built and ticked by
-/// the scene's own tool. Counts (nodes, columns, rows, touched nodes) and the estimated error are power
-/// laws y = a f^b of the spacing factor f through both pilots; beyond the finer one b is the mean of what
-/// the pilots say and what a uniform cloud would have (3 for nodes, 2 for surface nodes), as graded clouds
-/// lie between. The force stage's p99 against touched nodes is measured on the finer pilot with tools of
-/// growing radius, the field follows from its bytes and this machine's measured seconds per byte
-/// (haptic/cost.h), offline seconds go with nodes^1.8 (bench/offline).
-/// Candidates: method x spacing factor x stored rows x precision x who computes the field. The pick keeps
-/// the rows the scene asks for when it can, then takes the least error (a budget of time or bytes) or the
-/// cheapest tick (a budget of error alone). Errors below half a per cent count as equal: a hand tells
-/// forces apart from several per cent on. The model is built and measured; what it misses corrects the
-/// prediction of its kind and the next pick is tried.
+/// Two pilot models per method, with all spacings 2 and 1.26 times the scene's (1.26 and 0.8 in
+/// thin bodies), are built and ticked by the scene's own tool. Counts (nodes, columns, rows,
+/// touched nodes) and the estimated error are power laws y = a f^b of the spacing factor f through
+/// both pilots; beyond the finer one b is the mean of what the pilots say and what a uniform cloud
+/// would have (3 for nodes, 2 for surface nodes), as graded clouds lie between. The force stage's
+/// p99 against touched nodes is measured on the finer pilot with tools of growing radius, the field
+/// follows from its bytes and this machine's measured seconds per byte (haptic/engine/cost.h),
+/// offline seconds go with nodes^1.8 (bench/offline). Candidates: method x spacing factor x stored
+/// rows x precision x who computes the field. The pick keeps the rows the scene asks for when it
+/// can, then takes the least error (a budget of time or bytes) or the cheapest tick (a budget of
+/// error alone). Errors below half a per cent count as equal: a hand tells forces apart from
+/// several per cent on. The model is built and measured; what it misses corrects the prediction of
+/// its kind and the next pick is tried.
 #include "haptic/program/budget.h"
 
 #include <math.h>
@@ -21,12 +21,22 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/cost.h"
-#include "haptic/error.h"
-#include "haptic/model.h"
+#include "haptic/engine/cost.h"
+#include "haptic/base/error.h"
+#include "haptic/model/model.h"
 
-enum { METHODS = 2, PILOTS = 2, SWELLS = 3, FACTORS = 10, ROWS = 3, FORMS = 3, BYS = 2, ROUNDS = 5, REASON = 512,
-       CANDIDATES = METHODS * FACTORS * ROWS * FORMS * BYS };
+enum {
+    METHODS = 2,
+    PILOTS = 2,
+    SWELLS = 3,
+    FACTORS = 10,
+    ROWS = 3,
+    FORMS = 3,
+    BYS = 2,
+    ROUNDS = 5,
+    REASON = 512,
+    CANDIDATES = METHODS * FACTORS * ROWS * FORMS * BYS
+};
 /// How the rows are stored: as the scene asks, in 16 bits, or compressed to a tolerance.
 enum { AS_ASKED, IN_16_BITS, COMPRESSED };
 static const char *const method_name[METHODS] = {"cell", "galerkin"};
@@ -49,8 +59,8 @@ int budget_parse(const char *text, budget *out) {
         const char *unit;
         int kind; ///< 0 time [us], 1 bytes, 2 error
         double scale;
-    } units[] = {{"us", 0, 1.0},   {"ms", 0, 1e3}, {"s", 0, 1e6},    {"B", 1, 1.0}, {"kB", 1, 1e3},
-                 {"MB", 1, 1e6}, {"GB", 1, 1e9}, {"%", 2, 0.01}};
+    } units[] = {{"us", 0, 1.0}, {"ms", 0, 1e3}, {"s", 0, 1e6},  {"B", 1, 1.0},
+                 {"kB", 1, 1e3}, {"MB", 1, 1e6}, {"GB", 1, 1e9}, {"%", 2, 0.01}};
     char *end = NULL;
     double v = strtod(text, &end);
     if (end == text || !isfinite(v) || !(v > 0.0)) {
@@ -58,7 +68,9 @@ int budget_parse(const char *text, budget *out) {
     }
     for (size_t k = 0; k < sizeof units / sizeof *units; k++) {
         if (strcmp(end, units[k].unit) == 0) {
-            double *place = units[k].kind == 0 ? &out->tick_us : units[k].kind == 1 ? &out->bytes : &out->error;
+            double *place = units[k].kind == 0   ? &out->tick_us
+                            : units[k].kind == 1 ? &out->bytes
+                                                 : &out->error;
             *place = v * units[k].scale;
             return 1;
         }
@@ -69,7 +81,8 @@ int budget_parse(const char *text, budget *out) {
 // ---- Pilots -------------------------------------------------------------------------------------
 
 typedef struct pilot {
-    double nodes, columns, surface, inside, contacts, most, force_us, seconds, error; ///< error < 0: none
+    double nodes, columns, surface, inside, contacts, most, force_us, seconds,
+        error; ///< error < 0: none
 } pilot;
 
 typedef struct candidate {
@@ -89,7 +102,8 @@ typedef struct search {
     const double *pilot_factor;
     int has[METHODS];
     char why_not[METHODS][REASON];
-    double less_field[METHODS], less_bytes[METHODS]; ///< compressed / as asked, finer pilot; 0: not compressed
+    double less_field[METHODS],
+        less_bytes[METHODS]; ///< compressed / as asked, finer pilot; 0: not compressed
     double touched[METHODS][SWELLS], force_us[METHODS][SWELLS]; ///< of the finer pilot
     int asked_rows;
     pal_precision asked_precision;
@@ -100,8 +114,8 @@ typedef struct search {
 } search;
 
 /// Load the scene with a candidate's settings, scale it and build it.
-static pal_status build(search *s, const char *const extra[], int extra_count, double factor, source *out,
-                        pal_error *error) {
+static pal_status build(search *s, const char *const extra[], int extra_count, double factor,
+                        source *out, pal_error *error) {
     const offline_api *offline = offline_open(error);
     const char *set[OVERRIDES_MAX + 8];
     int count = 0;
@@ -118,7 +132,8 @@ static pal_status build(search *s, const char *const extra[], int extra_count, d
     }
     if (status == PALPATE_OK) {
         pal_progress progress = progress_line(s->options);
-        status = offline->precompute_cached(out->scene, &progress, &out->model, &out->was_cached, error);
+        status =
+            offline->precompute_cached(out->scene, &progress, &out->model, &out->was_cached, error);
         progress_end();
     }
     out->passed = 1;
@@ -138,7 +153,8 @@ static void say(const search *s, const char *format, ...) {
     }
 }
 
-/// What compressing to TOLERANCE saves on the finer pilot (larger bodies save more). Failing is no error.
+/// What compressing to TOLERANCE saves on the finer pilot (larger bodies save more). Failing is no
+/// error.
 static void measure_compressed(search *s, int method, const pal_model *plain, double field_us) {
     char set[2][64];
     const char *extra[] = {set[0], set[1]};
@@ -196,7 +212,9 @@ static pal_status measure_pilot(search *s, int method, int k, pal_error *error) 
         s->asked_precision = i->precision;
         s->asked_rows = i->row_count == 0 ? 0 : i->row_count > i->surface_count ? 2 : 1;
         s->period_us = 1e6 / pal_model_runtime(p.model)->servo_rate;
-        say(s, "pilot: %s, spacings x %.2f: %d nodes, %d columns, %.1f touched nodes, force %.1f us, %.2f s\n",
+        say(s,
+            "pilot: %s, spacings x %.2f: %d nodes, %d columns, %.1f touched nodes, force %.1f us, "
+            "%.2f s\n",
             method_name[method], s->pilot_factor[k], i->node_count, i->column_count, ticks.contacts,
             ticks.force_us.p99, i->seconds.total);
         if (k == PILOTS - 1) {
@@ -207,9 +225,10 @@ static pal_status measure_pilot(search *s, int method, int k, pal_error *error) 
     return status;
 }
 
-/// y at factor f: the power law through both pilots, beyond them with the mean of its exponent and that of
-/// a uniform cloud.
-static double law(const double pilot_factor[PILOTS], double coarse, double fine, double f, double uniform) {
+/// y at factor f: the power law through both pilots, beyond them with the mean of its exponent and
+/// that of a uniform cloud.
+static double law(const double pilot_factor[PILOTS], double coarse, double fine, double f,
+                  double uniform) {
     if (!(coarse > 0.0) || !(fine > 0.0)) {
         return fmax(coarse, fine);
     }
@@ -219,8 +238,8 @@ static double law(const double pilot_factor[PILOTS], double coarse, double fine,
 
 #define LAW(field, uniform) law(s->pilot_factor, p[0].field, p[1].field, c->factor, uniform)
 
-/// Force stage's p99 for `most` touched nodes: piecewise straight in logarithms through what was measured,
-/// beyond it with the last slope, at least 1.
+/// Force stage's p99 for `most` touched nodes: piecewise straight in logarithms through what was
+/// measured, beyond it with the last slope, at least 1.
 static double force_time(const search *s, int method, double most) {
     const double *x = s->touched[method], *y = s->force_us[method];
     int k = 1;
@@ -235,10 +254,10 @@ static double force_time(const search *s, int method, double most) {
     return y[k] * pow(fmax(1.0, most) / x[k], slope);
 }
 
-/// Relative error of a displacement by how its rows are stored: half has 2^-11, scaled a fifth of that at
-/// most, compressed rows what was allowed; single and double are below all else.
+/// Relative error of a displacement by how its rows are stored: half has 2^-11, scaled a fifth of
+/// that at most, compressed rows what was allowed; single and double are below all else.
 static double rounding_of(const candidate *c) {
-    return c->form == COMPRESSED                       ? TOLERANCE
+    return c->form == COMPRESSED                      ? TOLERANCE
            : c->precision == PALPATE_PRECISION_HALF   ? 0x1p-11
            : c->precision == PALPATE_PRECISION_SCALED ? 1e-4
                                                       : 0.0;
@@ -259,7 +278,8 @@ static void predict(const search *s, candidate *c) {
     c->bytes = s->correct_bytes * (72.0 * columns * columns + row_bytes);
     c->tick_us = s->correct_tick[c->method][c->by] * (force + (c->by == 0 ? field : 0.0));
     double rounding = rows > 0.0 ? rounding_of(c) : 0.0;
-    // a coarse pilot has no second, still coarser cloud in a thin body: the error then goes with the spacing
+    // a coarse pilot has no second, still coarser cloud in a thin body: the error then goes with
+    // the spacing
     double error = p[1].error < 0.0   ? -1.0
                    : p[0].error < 0.0 ? p[1].error * c->factor / s->pilot_factor[1]
                                       : LAW(error, 1.0);
@@ -271,7 +291,8 @@ static void predict(const search *s, candidate *c) {
 static int fits(const search *s, const candidate *c) {
     const budget *b = s->wanted;
     return !c->tried && c->nodes <= NODES_MAX && c->seconds <= SECONDS_MAX &&
-           (b->tick_us <= 0.0 || c->tick_us <= b->tick_us) && (b->bytes <= 0.0 || c->bytes <= b->bytes) &&
+           (b->tick_us <= 0.0 || c->tick_us <= b->tick_us) &&
+           (b->bytes <= 0.0 || c->bytes <= b->bytes) &&
            (b->error <= 0.0 || (c->error >= 0.0 && c->error <= b->error));
 }
 
@@ -317,9 +338,14 @@ static void enumerate(search *s) {
                         (form == COMPRESSED && !(s->less_bytes[m] > 0.0))) {
                         continue; // 16 bits already, or nothing to compress
                     }
-                    s->all[s->count++] = (candidate){
-                        .method = m, .rows = r, .by = k / FORMS, .form = form, .factor = 2.0 * pow(2.0, -f / 3.0),
-                        .precision = form == IN_16_BITS ? PALPATE_PRECISION_SCALED : s->asked_precision};
+                    s->all[s->count++] =
+                        (candidate){.method = m,
+                                    .rows = r,
+                                    .by = k / FORMS,
+                                    .form = form,
+                                    .factor = 2.0 * pow(2.0, -f / 3.0),
+                                    .precision = form == IN_16_BITS ? PALPATE_PRECISION_SCALED
+                                                                    : s->asked_precision};
                 }
             }
         }
@@ -347,17 +373,19 @@ static const char *form_name(const candidate *c) {
 }
 
 static void describe(const candidate *c, char *out, size_t size) {
-    (void)snprintf(out, size, "method %s, spacings x %.2f, rows %s in %s, field by the %s", method_name[c->method],
-                   c->factor, rows_name[c->rows], form_name(c), by_name[c->by]);
+    (void)snprintf(out, size, "method %s, spacings x %.2f, rows %s in %s, field by the %s",
+                   method_name[c->method], c->factor, rows_name[c->rows], form_name(c),
+                   by_name[c->by]);
 }
 
 /// How far over the budget, the largest ratio; what the refusal names.
 static double excess(const search *s, const candidate *c, const char **what) {
     const budget *b = s->wanted;
     double worst = 0.0;
-    const double ratio[3] = {b->tick_us > 0.0 ? c->tick_us / b->tick_us : 0.0,
-                             b->bytes > 0.0 ? c->bytes / b->bytes : 0.0,
-                             b->error > 0.0 ? (c->error >= 0.0 ? c->error / b->error : (double)INFINITY) : 0.0};
+    const double ratio[3] = {
+        b->tick_us > 0.0 ? c->tick_us / b->tick_us : 0.0,
+        b->bytes > 0.0 ? c->bytes / b->bytes : 0.0,
+        b->error > 0.0 ? (c->error >= 0.0 ? c->error / b->error : (double)INFINITY) : 0.0};
     static const char *const name[3] = {"time", "bytes", "error"};
     for (int k = 0; k < 3; k++) {
         if (ratio[k] > worst) {
@@ -383,11 +411,12 @@ static pal_status refuse(const search *s, pal_error *error) {
     if (nearest == NULL) {
         return s->wanted->error > 0.0 && s->count > 0
                    ? pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                              "--budget of an error: nothing estimates it: the scene needs body.patches and "
+                              "--budget of an error: nothing estimates it: the scene needs "
+                              "body.patches and "
                               "estimate: true")
                    : pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                              "--budget: no method could be tried: cell: %.180s; galerkin: %.180s", s->why_not[0],
-                              s->why_not[1]);
+                              "--budget: no method could be tried: cell: %.180s; galerkin: %.180s",
+                              s->why_not[0], s->why_not[1]);
     }
     char settings[160], e[32] = "unknown";
     describe(nearest, settings, sizeof settings);
@@ -395,12 +424,15 @@ static pal_status refuse(const search *s, pal_error *error) {
     if (nearest->error >= 0.0) {
         (void)snprintf(e, sizeof e, "%.2g %%", 100.0 * nearest->error);
     }
-    return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                    "--budget: none of %d settings fits; the nearest (%s) needs %.3g us a tick and %.3g MB with an "
-                    "error of %s, %.3g times the %s allowed (tried are spacings from 2 times the scene's down to "
-                    "0.25, up to 40 000 nodes and 2 minutes offline): allow more, or narrow body.touchable",
-                    s->count, settings, nearest->tick_us, 1e-6 * nearest->bytes, e, excess(s, nearest, &what),
-                    what);
+    return pal_fail(
+        error, PALPATE_ERROR_ARGUMENT,
+        "--budget: none of %d settings fits; the nearest (%s) needs %.3g us a tick and %.3g MB "
+        "with an "
+        "error of %s, %.3g times the %s allowed (tried are spacings from 2 times the scene's down "
+        "to "
+        "0.25, up to 40 000 nodes and 2 minutes offline): allow more, or narrow body.touchable",
+        s->count, settings, nearest->tick_us, 1e-6 * nearest->bytes, e, excess(s, nearest, &what),
+        what);
 }
 
 // ---- Building and checking ----------------------------------------------------------------------
@@ -409,7 +441,8 @@ typedef struct measured {
     double tick_us, bytes, error;
 } measured;
 
-static pal_status try_candidate(search *s, candidate *c, source *out, measured *m, pal_error *error) {
+static pal_status try_candidate(search *s, candidate *c, source *out, measured *m,
+                                pal_error *error) {
     char set[5][64];
     const char *extra[5];
     int sets = c->form == COMPRESSED ? 5 : 4;
@@ -464,44 +497,51 @@ static json_t *number_or_null(double v) {
     return v >= 0.0 ? json_real(v) : json_null();
 }
 
-static json_t *make_account(const search *s, const candidate *c, const measured *m, int fitting, int rounds) {
+static json_t *make_account(const search *s, const candidate *c, const measured *m, int fitting,
+                            int rounds) {
     const budget *b = s->wanted;
-    const char *why = b->tick_us <= 0.0 && b->bytes <= 0.0
-                          ? "the cheapest tick that keeps the error"
-                          : c->error < 0.0          ? "the finest spacing that fits"
-                          : c->error <= ERROR_FLOOR ? "an error below 0.5 % that fits, the least work offline"
-                                                    : "the least estimated error that fits";
+    const char *why =
+        b->tick_us <= 0.0 && b->bytes <= 0.0 ? "the cheapest tick that keeps the error"
+        : c->error < 0.0                     ? "the finest spacing that fits"
+        : c->error <= ERROR_FLOOR ? "an error below 0.5 % that fits, the least work offline"
+                                  : "the least estimated error that fits";
     json_t *j = json_object(), *pilots = json_array();
     json_object_set_new(j, "asked",
-                        json_pack("{s:o,s:o,s:o}", "tick_us", number_or_null(b->tick_us > 0.0 ? b->tick_us : -1.0),
-                                  "bytes", number_or_null(b->bytes > 0.0 ? b->bytes : -1.0), "error",
+                        json_pack("{s:o,s:o,s:o}", "tick_us",
+                                  number_or_null(b->tick_us > 0.0 ? b->tick_us : -1.0), "bytes",
+                                  number_or_null(b->bytes > 0.0 ? b->bytes : -1.0), "error",
                                   number_or_null(b->error > 0.0 ? b->error : -1.0)));
-    json_object_set_new(j, "picked",
-                        json_pack("{s:s,s:f,s:s,s:s,s:f,s:s}", "method", method_name[c->method], "spacing_factor",
-                                  c->factor, "displacement", rows_name[c->rows], "precision", form_name(c),
-                                  "tolerance", c->form == COMPRESSED ? TOLERANCE : 0.0, "field", by_name[c->by]));
+    json_object_set_new(
+        j, "picked",
+        json_pack("{s:s,s:f,s:s,s:s,s:f,s:s}", "method", method_name[c->method], "spacing_factor",
+                  c->factor, "displacement", rows_name[c->rows], "precision", form_name(c),
+                  "tolerance", c->form == COMPRESSED ? TOLERANCE : 0.0, "field", by_name[c->by]));
     json_object_set_new(j, "why", json_string(why));
     json_object_set_new(j, "considered", json_integer(s->count));
     json_object_set_new(j, "fitting", json_integer(fitting));
     json_object_set_new(j, "built", json_integer(rounds));
     json_object_set_new(j, "predicted",
-                        json_pack("{s:f,s:f,s:o,s:f,s:f}", "tick_us", c->tick_us, "bytes", c->bytes, "error",
-                                  number_or_null(c->error), "seconds", c->seconds, "nodes", c->nodes));
-    json_object_set_new(j, "measured", json_pack("{s:f,s:f,s:o}", "tick_us", m->tick_us, "bytes", m->bytes, "error",
-                                                 number_or_null(m->error)));
+                        json_pack("{s:f,s:f,s:o,s:f,s:f}", "tick_us", c->tick_us, "bytes", c->bytes,
+                                  "error", number_or_null(c->error), "seconds", c->seconds, "nodes",
+                                  c->nodes));
+    json_object_set_new(j, "measured",
+                        json_pack("{s:f,s:f,s:o}", "tick_us", m->tick_us, "bytes", m->bytes,
+                                  "error", number_or_null(m->error)));
     for (int k = 0; k < METHODS; k++) {
         for (int p = 0; p < PILOTS && s->has[k]; p++) {
             const pilot *q = &s->pilots[k][p];
-            json_array_append_new(pilots, json_pack("{s:s,s:f,s:f,s:f,s:f,s:o}", "method", method_name[k],
-                                                    "spacing_factor", s->pilot_factor[p], "nodes", q->nodes, "force_us",
-                                                    q->force_us, "seconds", q->seconds, "error",
-                                                    number_or_null(q->error)));
+            json_array_append_new(pilots,
+                                  json_pack("{s:s,s:f,s:f,s:f,s:f,s:o}", "method", method_name[k],
+                                            "spacing_factor", s->pilot_factor[p], "nodes", q->nodes,
+                                            "force_us", q->force_us, "seconds", q->seconds, "error",
+                                            number_or_null(q->error)));
         }
     }
     json_object_set_new(j, "pilots", pilots);
     json_object_set_new(j, "field_GBs",
                         json_pack("{s:f,s:f}", "single_6MB",
-                                  1e-9 / s->machine.per_byte[PALPATE_PRECISION_SINGLE][3], "scaled_6MB",
+                                  1e-9 / s->machine.per_byte[PALPATE_PRECISION_SINGLE][3],
+                                  "scaled_6MB",
                                   1e-9 / s->machine.per_byte[PALPATE_PRECISION_SCALED][3]));
     return j;
 }
@@ -531,8 +571,8 @@ static pal_status calibrate(search *s, pal_error *error) {
     return status;
 }
 
-pal_status budget_build(const char *scene, const budget *wanted, const common_options *options, source *out,
-                        json_t **account, pal_error *error) {
+pal_status budget_build(const char *scene, const budget *wanted, const common_options *options,
+                        source *out, json_t **account, pal_error *error) {
     search *s = calloc(1, sizeof *s);
     *account = NULL;
     memset(out, 0, sizeof *out);
@@ -556,16 +596,16 @@ pal_status budget_build(const char *scene, const budget *wanted, const common_op
         char settings[160];
         measured m;
         describe(c, settings, sizeof settings);
-        say(s, "try: %s (%d of %d fit): predicted %.1f us a tick, %.1f MB, %.1f s\n", settings, fitting, s->count,
-            c->tick_us, 1e-6 * c->bytes, c->seconds);
+        say(s, "try: %s (%d of %d fit): predicted %.1f us a tick, %.1f MB, %.1f s\n", settings,
+            fitting, s->count, c->tick_us, 1e-6 * c->bytes, c->seconds);
         pal_error why = {0};
         status = try_candidate(s, c, out, &m, &why);
         if (status == PALPATE_OK && keeps(s, c, &m)) {
             *account = make_account(s, c, &m, fitting, round + 1);
             done = 1;
         } else if (status == PALPATE_OK) {
-            say(s, "  measured %.1f us a tick, %.1f MB, error %.2f %%: over the budget\n", m.tick_us, 1e-6 * m.bytes,
-                100.0 * m.error);
+            say(s, "  measured %.1f us a tick, %.1f MB, error %.2f %%: over the budget\n",
+                m.tick_us, 1e-6 * m.bytes, 100.0 * m.error);
             source_close(out);
         } else if (status == PALPATE_ERROR_CANCELLED) {
             (void)pal_fail(error, status, "%s", why.message);
@@ -593,18 +633,21 @@ static void print_error(const json_t *o) {
 }
 
 void budget_print(const json_t *account) {
-    const json_t *p = json_object_get(account, "picked"), *a = json_object_get(account, "predicted");
+    const json_t *p = json_object_get(account, "picked"),
+                 *a = json_object_get(account, "predicted");
     const json_t *m = json_object_get(account, "measured");
-    (void)printf("picked         method %s, spacings x %.2f, rows %s in %s, field by the %s\n", text(p, "method"),
-                 real(p, "spacing_factor"), text(p, "displacement"), text(p, "precision"), text(p, "field"));
+    (void)printf("picked         method %s, spacings x %.2f, rows %s in %s, field by the %s\n",
+                 text(p, "method"), real(p, "spacing_factor"), text(p, "displacement"),
+                 text(p, "precision"), text(p, "field"));
     (void)printf("  because      %s: %lld of %lld settings fit, %lld built\n", text(account, "why"),
                  (long long)json_integer_value(json_object_get(account, "fitting")),
                  (long long)json_integer_value(json_object_get(account, "considered")),
                  (long long)json_integer_value(json_object_get(account, "built")));
-    (void)printf("  predicted    %.1f us a tick (p99), %.1f MB", real(a, "tick_us"), 1e-6 * real(a, "bytes"));
+    (void)printf("  predicted    %.1f us a tick (p99), %.1f MB", real(a, "tick_us"),
+                 1e-6 * real(a, "bytes"));
     print_error(a);
-    (void)printf(", %.1f s offline\n  measured     %.1f us a tick (p99), %.1f MB", real(a, "seconds"),
-                 real(m, "tick_us"), 1e-6 * real(m, "bytes"));
+    (void)printf(", %.1f s offline\n  measured     %.1f us a tick (p99), %.1f MB",
+                 real(a, "seconds"), real(m, "tick_us"), 1e-6 * real(m, "bytes"));
     print_error(m);
     (void)printf("\n");
 }

@@ -1,4 +1,5 @@
-/// @file budget.h  palpate precompute --budget: settings picked from what they are predicted to cost.
+/// @file budget.h  palpate precompute --budget: settings picked from what they are predicted to
+/// cost.
 #ifndef PALPATE_PROGRAM_BUDGET_H
 #define PALPATE_PROGRAM_BUDGET_H
 
@@ -15,13 +16,14 @@ typedef struct budget {
 /// @return 1; 0 when it is none of these or not positive
 int budget_parse(const char *text, budget *out);
 
-/// Pick method, spacing, stored rows, precision and who computes the field, build that model and check it
-/// against the budget by measuring it.
+/// Pick method, spacing, stored rows, precision and who computes the field, build that model and
+/// check it against the budget by measuring it.
 /// @param[out] source   the model and the scene it came from, as source_open leaves them
 /// @param[out] account  what was picked and why, for --json; a new reference
-/// @return PALPATE_OK; _ARGUMENT when nothing fits (the message names the nearest), what building says
-pal_status budget_build(const char *scene, const budget *wanted, const common_options *options, source *out,
-                        json_t **account, pal_error *error);
+/// @return PALPATE_OK; _ARGUMENT when nothing fits (the message names the nearest), what building
+/// says
+pal_status budget_build(const char *scene, const budget *wanted, const common_options *options,
+                        source *out, json_t **account, pal_error *error);
 
 /// The account on stdout, for people.
 void budget_print(const json_t *account);

@@ -3,7 +3,7 @@
 
 #include <stdio.h>
 
-#include "haptic/doctor.h"
+#include "haptic/session/doctor.h"
 
 static error_t parse(int key, char *arg, struct argp_state *state) {
     (void)arg;
@@ -16,7 +16,8 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
 
 static const char doc[] =
     "Tell what this machine lacks for a 1 kHz servo, with a remedy per line.\v"
-    "Exit status 0 when every check is ok or only a warning, 1 when real time is refused. Nothing on the "
+    "Exit status 0 when every check is ok or only a warning, 1 when real time is refused. Nothing "
+    "on the "
     "machine is changed.\n\n"
     "Example:\n  palpate doctor";
 
@@ -32,8 +33,9 @@ int command_doctor(int argc, char **argv) {
     for (int32_t i = 0; i < count; i++) {
         const char *state = pal_check_state_name(check[i].state);
         if (o.json) {
-            json_array_append_new(list, json_pack("{s:s,s:s,s:s,s:s}", "check", check[i].name, "state", state,
-                                                  "found", check[i].found, "remedy", check[i].remedy));
+            json_array_append_new(list, json_pack("{s:s,s:s,s:s,s:s}", "check", check[i].name,
+                                                  "state", state, "found", check[i].found, "remedy",
+                                                  check[i].remedy));
         } else {
             (void)printf("%-5s %-20s %s\n", state, check[i].name, check[i].found);
             if (check[i].remedy[0] != '\0') {
@@ -45,9 +47,10 @@ int command_doctor(int argc, char **argv) {
         print_json(json_pack("{s:s,s:o}", "state", pal_check_state_name(worst), "checks", list));
     } else {
         json_decref(list);
-        (void)printf("%s\n", worst == PALPATE_CHECK_OK     ? "ready for real time"
-                             : worst == PALPATE_CHECK_WARN ? "works; the warnings above cost lateness"
-                                                           : "real time is refused: see the remedies above");
+        (void)printf("%s\n", worst == PALPATE_CHECK_OK ? "ready for real time"
+                             : worst == PALPATE_CHECK_WARN
+                                 ? "works; the warnings above cost lateness"
+                                 : "real time is refused: see the remedies above");
     }
     return worst == PALPATE_CHECK_FAIL;
 }

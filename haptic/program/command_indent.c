@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 enum { DEPTHS_MAX = 1024, FEW_CONTACTS = 4 };
 
@@ -50,7 +50,8 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         return 0;
     case 'd':
         if (!parse_depths(arg, o)) {
-            argp_error(state, "--depths %s: numbers of 0 or more in metres, e.g. --depths 0.01,0.02", arg);
+            argp_error(state,
+                       "--depths %s: numbers of 0 or more in metres, e.g. --depths 0.01,0.02", arg);
         }
         return 0;
     case 'c':
@@ -79,28 +80,35 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
 static const struct argp_option list[] = {
     {"tool", 't', "NAME", 0, "Tool of the scene; it needs start and axis, no device", 1},
     {"depths", 'd', "D1,D2,...", 0, "Travel from the tool's start along its axis [m]", 1},
-    {"contact", 'c', "LAW", 0, "rest (default): contact linearised about the rest shape, along the tool's axis; "
-                               "full: on the deformed shape, along the tool's normals", 1},
+    {"contact", 'c', "LAW", 0,
+     "rest (default): contact linearised about the rest shape, along the tool's axis; "
+     "full: on the deformed shape, along the tool's normals",
+     1},
     {0}};
 static const char doc[] =
     "Press a rigid, frictionless tool along its axis and report force against depth.\v"
-    "Contact is unilateral at the touchable nodes. The force is the magnitude of the one the tool applies "
-    "to the body [N]; the radius is that of the circle with the area of contact [m]. The tool's limits and "
+    "Contact is unilateral at the touchable nodes. The force is the magnitude of the one the tool "
+    "applies "
+    "to the body [N]; the radius is that of the circle with the area of contact [m]. The tool's "
+    "limits and "
     "coupling play no part.\n\n"
-    "Example:\n  palpate indent scenes/block.yaml --tool ball --depths 0.02,0.05,0.1,0.15,0.2 --json";
+    "Example:\n  palpate indent scenes/block.yaml --tool ball --depths 0.02,0.05,0.1,0.15,0.2 "
+    "--json";
 
-static const pal_tool_def *find_tool(const pal_runtime_config *runtime, const char *name, pal_error *error) {
+static const pal_tool_def *find_tool(const pal_runtime_config *runtime, const char *name,
+                                     pal_error *error) {
     char names[PALPATE_TOOLS_MAX * (PALPATE_NAME_MAX + 2)] = "none";
     size_t at = 0;
     for (int32_t i = 0; i < runtime->tool_count; i++) {
         if (strcmp(runtime->tools[i].name, name) == 0) {
             return &runtime->tools[i];
         }
-        int n = snprintf(names + at, sizeof names - at, "%s%s", i > 0 ? ", " : "", runtime->tools[i].name);
+        int n = snprintf(names + at, sizeof names - at, "%s%s", i > 0 ? ", " : "",
+                         runtime->tools[i].name);
         at += n > 0 ? (size_t)n : 0;
     }
-    (void)pal_fail(error, PALPATE_ERROR_NOT_FOUND, "tool \"%.64s\": there is no such tool; the tools are: %s",
-                   name, names);
+    (void)pal_fail(error, PALPATE_ERROR_NOT_FOUND,
+                   "tool \"%.64s\": there is no such tool; the tools are: %s", name, names);
     return NULL;
 }
 
@@ -114,8 +122,10 @@ static const char *remark(const pal_tool_def *tool, const pal_indent_result *cur
     for (int32_t i = 0; i < count; i++) {
         if (curve[i].contacts > 0 && curve[i].contacts < FEW_CONTACTS) {
             return tool->shape == PALPATE_SHAPE_POINT
-                       ? "a point's force depends on the node spacing: an elastic body does not resist a point"
-                       : "fewer than 4 nodes carry the force at some depth: refine the cloud under the tool";
+                       ? "a point's force depends on the node spacing: an elastic body does not "
+                         "resist a point"
+                       : "fewer than 4 nodes carry the force at some depth: refine the cloud under "
+                         "the tool";
         }
     }
     return "";
@@ -143,7 +153,8 @@ static void print_json_curve(const source *s, const options *o, const pal_indent
     }
     json_object_set_new(object, "curve", list_json);
     json_object_set_new(object, "tool", json_string(o->tool));
-    json_object_set_new(object, "contact", json_string(o->law == PALPATE_INDENT_FULL ? "full" : "rest"));
+    json_object_set_new(object, "contact",
+                        json_string(o->law == PALPATE_INDENT_FULL ? "full" : "rest"));
     json_object_set_new(object, "nodes", json_integer(info.node_count));
     json_object_set_new(object, "method", json_string(info.method));
     json_object_set_new(object, "certificate", json_certificate(&info.certificate));
@@ -153,11 +164,12 @@ static void print_json_curve(const source *s, const options *o, const pal_indent
 
 static void print_curve(const options *o, const pal_indent_result *curve, const char *note) {
     (void)printf("tool %s, contact law %s\n%12s %12s %10s %12s\n", o->tool,
-                 o->law == PALPATE_INDENT_FULL ? "full" : "rest", "depth [m]", "force [N]", "contacts",
-                 "radius [m]");
+                 o->law == PALPATE_INDENT_FULL ? "full" : "rest", "depth [m]", "force [N]",
+                 "contacts", "radius [m]");
     for (int32_t i = 0; i < o->depth_count; i++) {
-        (void)printf("%12.6g %12.6g %10d %12.4g%s\n", curve[i].depth, curve[i].force, curve[i].contacts,
-                     curve[i].radius, curve[i].cut_off ? "  (stopped early)" : "");
+        (void)printf("%12.6g %12.6g %10d %12.4g%s\n", curve[i].depth, curve[i].force,
+                     curve[i].contacts, curve[i].radius,
+                     curve[i].cut_off ? "  (stopped early)" : "");
     }
     if (note[0] != '\0' && !o->common.quiet) {
         (void)fprintf(stderr, "palpate: warning: %s\n", note);
@@ -178,8 +190,9 @@ int command_indent(int argc, char **argv) {
         return report_error(&o.common, status, &error);
     }
     const pal_tool_def *tool = find_tool(pal_model_runtime(s.model), o.tool, &error);
-    status = tool == NULL ? PALPATE_ERROR_NOT_FOUND
-                          : pal_model_indent(s.model, tool, o.law, o.depths, o.depth_count, curve, &error);
+    status = tool == NULL
+                 ? PALPATE_ERROR_NOT_FOUND
+                 : pal_model_indent(s.model, tool, o.law, o.depths, o.depth_count, curve, &error);
     if (status != PALPATE_OK) {
         source_close(&s);
         return report_error(&o.common, status, &error);

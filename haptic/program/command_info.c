@@ -28,8 +28,10 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
 
 static const char doc[] =
     "Show what is in a model file: nodes, method, cost, certificate.\v"
-    "Reciprocity is ||C - C^T|| / ||C|| of the touchable compliance before it is symmetrized: it informs, "
-    "it does not gate. A passive model is symmetric and positive definite: it never feeds energy into "
+    "Reciprocity is ||C - C^T|| / ||C|| of the touchable compliance before it is symmetrized: it "
+    "informs, "
+    "it does not gate. A passive model is symmetric and positive definite: it never feeds energy "
+    "into "
     "the hand. A SCENE may be given too; it is then built or taken from the cache.\n\n"
     "Example:\n  palpate info hemisphere.palpate --json";
 

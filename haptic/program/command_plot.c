@@ -1,4 +1,5 @@
-/// @file command_plot.c  palpate plot FILE: force, depth, compute time and lateness over time, as PNG.
+/// @file command_plot.c  palpate plot FILE: force, depth, compute time and lateness over time, as
+/// PNG.
 #include "haptic/program/program.h"
 
 #include <math.h>
@@ -6,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "haptic/replay.h"
+#include "haptic/base/error.h"
+#include "haptic/recording/replay.h"
 #include "haptic/view/view.h"
 
 enum { KEY_SIZE = 0x200, KEY_FROM, KEY_TO, CHUNK = 4096, PANELS = 4 };
@@ -76,8 +77,10 @@ static const struct argp_option list[] = {
     {"to", KEY_TO, "SECONDS", 0, "End of the time shown", 1},
     {0}};
 static const char doc[] =
-    "Draw a recording: each tool's force and depth, compute time and lateness of the ticks over session time, as "
-    "a PNG picture. A column of pixels shows the whole range of its ticks, so no spike is lost; columns with a "
+    "Draw a recording: each tool's force and depth, compute time and lateness of the ticks over "
+    "session time, as "
+    "a PNG picture. A column of pixels shows the whole range of its ticks, so no spike is lost; "
+    "columns with a "
     "fault are shaded red.\v"
     "Lateness below 0.1 us (all of it in freewheel) is drawn at 0.1 us.\n\n"
     "Example:\n  palpate run scenes/hemisphere.yaml --for 5 --record press.h5\n"
@@ -98,8 +101,9 @@ static void take_row(plot *p, const pal_tick_record *row, int32_t tools) {
     double at = p->to > p->from ? (time - p->from) / (p->to - p->from) : 0.0;
     int column = (int)fmin(at * p->columns, p->columns - 1.0);
     const double *f = row->force.force;
-    const double value[PANELS] = {sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]), 1e3 * row->force.depth,
-                                  1e-3 * row->compute_ns, 1e-3 * (double)row->lateness_ns};
+    const double value[PANELS] = {sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]),
+                                  1e3 * row->force.depth, 1e-3 * row->compute_ns,
+                                  1e-3 * (double)row->lateness_ns};
     widen(&p->force[row->tool], column, value[FORCE]);
     widen(&p->depth[row->tool], column, value[DEPTH]);
     widen(&p->compute, column, value[COMPUTE]);
@@ -121,7 +125,8 @@ static pal_status gather(const options *o, pal_recording *recording, plot *p, pa
     }
     pal_status status = PALPATE_OK;
     if (info->records == 0) {
-        status = pal_fail(error, PALPATE_ERROR_FORMAT, "%s: it holds no tick; nothing to draw", o->path);
+        status =
+            pal_fail(error, PALPATE_ERROR_FORMAT, "%s: it holds no tick; nothing to draw", o->path);
     } else {
         status = pal_recording_rows(recording, 0, 1, row, error);
         p->from = isnan(o->from) ? 1e-9 * (double)row[0].time_ns : o->from;
@@ -131,8 +136,8 @@ static pal_status gather(const options *o, pal_recording *recording, plot *p, pa
         p->to = isnan(o->to) ? 1e-9 * (double)row[0].time_ns : o->to;
     }
     if (status == PALPATE_OK && !(p->from <= p->to)) {
-        status = pal_fail(error, PALPATE_ERROR_ARGUMENT, "%s: from %g s to %g s is no time to show", o->path,
-                          p->from, p->to);
+        status = pal_fail(error, PALPATE_ERROR_ARGUMENT, "%s: from %g s to %g s is no time to show",
+                          o->path, p->from, p->to);
     }
     for (int64_t first = 0; status == PALPATE_OK && first < info->records; first += CHUNK) {
         int64_t n = info->records - first < CHUNK ? info->records - first : CHUNK;
@@ -143,8 +148,8 @@ static pal_status gather(const options *o, pal_recording *recording, plot *p, pa
     }
     free(row);
     if (status == PALPATE_OK && p->rows == 0) {
-        status = pal_fail(error, PALPATE_ERROR_ARGUMENT, "%s: no tick between %g s and %g s", o->path, p->from,
-                          p->to);
+        status = pal_fail(error, PALPATE_ERROR_ARGUMENT, "%s: no tick between %g s and %g s",
+                          o->path, p->from, p->to);
     }
     return status;
 }
@@ -178,8 +183,8 @@ static pal_plot_series series(const band *b, int i, const char *name) {
     return s;
 }
 
-static pal_status draw(const options *o, const char *out, const pal_recording_info *info, const plot *p,
-                       pal_error *error) {
+static pal_status draw(const options *o, const char *out, const pal_recording_info *info,
+                       const plot *p, pal_error *error) {
     char title[512];
     pal_plot_panel panel[PANELS] = {
         {.title = "force on the tool", .unit = "N"},
@@ -196,7 +201,8 @@ static pal_status draw(const options *o, const char *out, const pal_recording_in
     panel[COMPUTE].series_count = panel[LATENESS].series_count = 1;
     const char *base = strrchr(o->path, '/');
     (void)snprintf(title, sizeof title, "%.80s: %lld ticks%s, peak force %.3g N, deepest %.3g mm%s",
-                   base != NULL ? base + 1 : o->path, (long long)(p->rows / info->engine.tool_count),
+                   base != NULL ? base + 1 : o->path,
+                   (long long)(p->rows / info->engine.tool_count),
                    info->freewheel ? " in freewheel" : "", p->peak[FORCE], p->peak[DEPTH],
                    p->faulty > 0 ? "; red: faults" : "");
     const pal_plot drawing = {.title = title,
@@ -212,23 +218,27 @@ static pal_status draw(const options *o, const char *out, const pal_recording_in
 /// FILE with .png in place of .h5 or .hdf5.
 static void default_name(const char *path, char *out, size_t size) {
     size_t n = strlen(path);
-    n -= n > 3 && strcmp(path + n - 3, ".h5") == 0 ? 3 : n > 5 && strcmp(path + n - 5, ".hdf5") == 0 ? 5 : 0;
+    n -= n > 3 && strcmp(path + n - 3, ".h5") == 0     ? 3
+         : n > 5 && strcmp(path + n - 5, ".hdf5") == 0 ? 5
+                                                       : 0;
     (void)snprintf(out, size, "%.*s.png", (int)n, path);
 }
 
-static void print_report(const options *o, const char *out, const pal_recording_info *info, const plot *p) {
+static void print_report(const options *o, const char *out, const pal_recording_info *info,
+                         const plot *p) {
     if (o->common.json) {
-        print_json(json_pack("{s:s,s:s,s:i,s:i,s:I,s:i,s:f,s:f,s:f,s:f,s:f,s:f,s:I}", "file", o->path, "picture",
-                             out, "width", o->width, "height", o->height, "records", (json_int_t)p->rows, "tools",
-                             (int)info->engine.tool_count, "from", p->from, "to", p->to, "peak_force",
-                             p->peak[FORCE], "peak_depth", 1e-3 * p->peak[DEPTH], "compute_us_max",
-                             p->peak[COMPUTE], "lateness_us_max", p->peak[LATENESS], "faulty_records",
-                             (json_int_t)p->faulty));
+        print_json(json_pack(
+            "{s:s,s:s,s:i,s:i,s:I,s:i,s:f,s:f,s:f,s:f,s:f,s:f,s:I}", "file", o->path, "picture",
+            out, "width", o->width, "height", o->height, "records", (json_int_t)p->rows, "tools",
+            (int)info->engine.tool_count, "from", p->from, "to", p->to, "peak_force",
+            p->peak[FORCE], "peak_depth", 1e-3 * p->peak[DEPTH], "compute_us_max", p->peak[COMPUTE],
+            "lateness_us_max", p->peak[LATENESS], "faulty_records", (json_int_t)p->faulty));
     } else {
-        (void)printf("%s: %.3f to %.3f s of %s, %lld records (%lld with faults); peak force %.4g N, deepest %.4g "
+        (void)printf("%s: %.3f to %.3f s of %s, %lld records (%lld with faults); peak force %.4g "
+                     "N, deepest %.4g "
                      "mm, longest tick %.4g us, latest %.4g us\n",
-                     out, p->from, p->to, o->path, (long long)p->rows, (long long)p->faulty, p->peak[FORCE],
-                     p->peak[DEPTH], p->peak[COMPUTE], p->peak[LATENESS]);
+                     out, p->from, p->to, o->path, (long long)p->rows, (long long)p->faulty,
+                     p->peak[FORCE], p->peak[DEPTH], p->peak[COMPUTE], p->peak[LATENESS]);
     }
 }
 
@@ -249,7 +259,8 @@ int command_plot(int argc, char **argv) {
     plot p = {.columns = pal_plot_columns(o.width, o.height)};
     pal_status status = pal_recording_open(o.path, &recording, &error);
     if (status == PALPATE_OK && p.columns < 16) {
-        status = pal_fail(&error, PALPATE_ERROR_ARGUMENT, "--size %dx%d: too narrow to draw in", o.width, o.height);
+        status = pal_fail(&error, PALPATE_ERROR_ARGUMENT, "--size %dx%d: too narrow to draw in",
+                          o.width, o.height);
     }
     if (status == PALPATE_OK && !make_bands(&p)) {
         status = pal_fail(&error, PALPATE_ERROR_MEMORY, "%s: no memory to draw it", o.path);

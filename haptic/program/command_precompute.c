@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 enum { ROUNDS_MAX = 6 };
 
@@ -36,14 +36,18 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         char *end = NULL;
         o->target = strtod(arg, &end);
         if (end == arg || *end != '\0' || !(o->target >= 1e-4 && o->target <= 1.0)) {
-            argp_error(state, "--target-error %s: a relative error from 0.0001 to 1, e.g. 0.03", arg);
+            argp_error(state, "--target-error %s: a relative error from 0.0001 to 1, e.g. 0.03",
+                       arg);
         }
         return 0;
     }
     case 'b':
         o->has_budget = budget_parse(arg, &o->budget);
         if (!o->has_budget) {
-            argp_error(state, "--budget %s: a time per tick (300us, 0.3ms), bytes (200MB) or an error (2%%)", arg);
+            argp_error(
+                state,
+                "--budget %s: a time per tick (300us, 0.3ms), bytes (200MB) or an error (2%%)",
+                arg);
         }
         return 0;
     case ARGP_KEY_ARG:
@@ -63,24 +67,32 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
 static const struct argp_option list[] = {
     {"output", 'o', "MODEL", 0, "Write the model file here as well (default: only the cache)", 1},
     {"target-error", 't', "E", 0,
-     "Refine all spacings until the estimated error of the patches' forces is at most E (e.g. 0.03)", 1},
+     "Refine all spacings until the estimated error of the patches' forces is at most E (e.g. "
+     "0.03)",
+     1},
     {"budget", 'b', "B", 0,
-     "Pick method, spacing, stored rows, precision and who computes the field so that a tick (300us), the "
-     "model (200MB) or its error (2%) keeps to B; may be given once of each kind", 1},
+     "Pick method, spacing, stored rows, precision and who computes the field so that a tick "
+     "(300us), the "
+     "model (200MB) or its error (2%) keeps to B; may be given once of each kind",
+     1},
     {"rebuild", 'r', NULL, 0, "Build even when the cache has the model", 1},
     {0}};
 static const char doc[] =
     "Build and certify the model of a scene.\v"
-    "The stages: node cloud (Gmsh), moving-least-squares stencils and assembly, sparse factorization, "
-    "one solve per touchable degree of freedom, certificate. The model is kept in the cache directory "
-    "($PALPATE_CACHE, else $XDG_CACHE_HOME/palpate, else ~/.cache/palpate) under a hash of all that "
+    "The stages: node cloud (Gmsh), moving-least-squares stencils and assembly, sparse "
+    "factorization, "
+    "one solve per touchable degree of freedom, certificate. The model is kept in the cache "
+    "directory "
+    "($PALPATE_CACHE, else $XDG_CACHE_HOME/palpate, else ~/.cache/palpate) under a hash of all "
+    "that "
     "determines it: any change of physics rebuilds, nothing else does. A model that fails its "
     "certificate is not written unless the scene says `certify: warn`.\n\n"
     "Example:\n  palpate precompute scenes/hemisphere.yaml -o hemisphere.palpate \\\n"
     "    --set body.material.poisson=0.45\n"
     "  palpate precompute scenes/organ.yaml --budget 300us --budget 200MB";
 
-/// Refine until the estimate meets the target. The error goes with the spacing, which sets the steps.
+/// Refine until the estimate meets the target. The error goes with the spacing, which sets the
+/// steps.
 static pal_status refine(source *s, options *o, pal_error *error) {
     const offline_api *offline = offline_open(error);
     for (int round = 0;; round++) {
@@ -89,19 +101,21 @@ static pal_status refine(source *s, options *o, pal_error *error) {
         double estimate = info.certificate.estimated_error;
         if (estimate < 0.0) {
             return pal_fail(error, PALPATE_ERROR_SCENE,
-                            "--target-error: nothing was estimated: the scene needs body.patches and estimate: true");
+                            "--target-error: nothing was estimated: the scene needs body.patches "
+                            "and estimate: true");
         }
         if (!o->common.quiet) {
-            (void)fprintf(stderr, "round %d: %d nodes, estimated error %.2f %% (target %.2f %%)\n", round + 1,
-                          info.node_count, 100.0 * estimate, 100.0 * o->target);
+            (void)fprintf(stderr, "round %d: %d nodes, estimated error %.2f %% (target %.2f %%)\n",
+                          round + 1, info.node_count, 100.0 * estimate, 100.0 * o->target);
         }
         if (estimate <= o->target) {
             return PALPATE_OK;
         }
         if (round == ROUNDS_MAX) {
-            return pal_fail(error, PALPATE_ERROR_CERTIFICATE,
-                            "--target-error %g: still %.2g after %d refinements (%d nodes): ask for less", o->target,
-                            estimate, ROUNDS_MAX, info.node_count);
+            return pal_fail(
+                error, PALPATE_ERROR_CERTIFICATE,
+                "--target-error %g: still %.2g after %d refinements (%d nodes): ask for less",
+                o->target, estimate, ROUNDS_MAX, info.node_count);
         }
         double factor = fmin(0.9, fmax(0.6, 0.9 * o->target / estimate));
         pal_model_free(s->model);
@@ -109,7 +123,8 @@ static pal_status refine(source *s, options *o, pal_error *error) {
         pal_status status = offline->scene_scale_spacing(s->scene, factor, error);
         pal_progress progress = progress_line(&o->common);
         if (status == PALPATE_OK) {
-            status = offline->precompute_cached(s->scene, &progress, &s->model, &s->was_cached, error);
+            status =
+                offline->precompute_cached(s->scene, &progress, &s->model, &s->was_cached, error);
         }
         progress_end();
         if (status != PALPATE_OK) {
@@ -135,7 +150,8 @@ int command_precompute(int argc, char **argv) {
         status = offline->scene_load(o.scene, o.common.overrides, o.common.override_count, &s.scene,
                                      &error);
         char path[4096];
-        if (status == PALPATE_OK && offline->cache_path(s.scene, path, sizeof path, NULL) == PALPATE_OK) {
+        if (status == PALPATE_OK &&
+            offline->cache_path(s.scene, path, sizeof path, NULL) == PALPATE_OK) {
             (void)remove(path);
         }
         source_close(&s);

@@ -50,20 +50,23 @@ static const struct argp_option list[] = {
     {0}};
 static const char doc[] =
     "Press a bonded patch and report force, moment and probe displacements.\v"
-    "All nodes of the patch are displaced by the same vector; the force is the one the tool applies to "
-    "the body [N], the moment is about the mean rest position of the patch's nodes [N m], the probes' "
-    "displacements are in metres. A model that fails its certificate is pressed all the same, with a "
+    "All nodes of the patch are displaced by the same vector; the force is the one the tool "
+    "applies to "
+    "the body [N], the moment is about the mean rest position of the patch's nodes [N m], the "
+    "probes' "
+    "displacements are in metres. A model that fails its certificate is pressed all the same, with "
+    "a "
     "warning.\n\n"
     "Example:\n  palpate press scenes/hemisphere.yaml --patch pole --by 0,0,-0.005 --json";
 
 static void print_result(const source *s, const pal_press *press, const options *o) {
     pal_model_info info;
     pal_model_get_info(s->model, &info);
-    (void)printf("force          (%.6g, %.6g, %.6g) N on the body\n", press->force[0], press->force[1],
-                 press->force[2]);
-    (void)printf("moment         (%.6g, %.6g, %.6g) N m about (%.4g, %.4g, %.4g)\n", press->moment[0],
-                 press->moment[1], press->moment[2], press->center[0], press->center[1],
-                 press->center[2]);
+    (void)printf("force          (%.6g, %.6g, %.6g) N on the body\n", press->force[0],
+                 press->force[1], press->force[2]);
+    (void)printf("moment         (%.6g, %.6g, %.6g) N m about (%.4g, %.4g, %.4g)\n",
+                 press->moment[0], press->moment[1], press->moment[2], press->center[0],
+                 press->center[1], press->center[2]);
     (void)printf("patch          %s: %d nodes of %d, moved by (%g, %g, %g) m\n", o->patch,
                  press->patch_nodes, info.node_count, o->by[0], o->by[1], o->by[2]);
     for (int32_t p = 0; p < info.probe_count; p++) {
@@ -74,8 +77,9 @@ static void print_result(const source *s, const pal_press *press, const options 
                      1e3 * u[2]);
     }
     const pal_certificate *c = &info.certificate;
-    (void)printf("certificate    %s; method %s, reciprocity %.1e, %s\n", c->pass ? "passes" : "DOES NOT PASS",
-                 info.method, c->reciprocity, c->passive ? "passive" : "not passive");
+    (void)printf("certificate    %s; method %s, reciprocity %.1e, %s\n",
+                 c->pass ? "passes" : "DOES NOT PASS", info.method, c->reciprocity,
+                 c->passive ? "passive" : "not passive");
 }
 
 /// Small strain ends somewhere: what a linear answer beyond it is worth must be said.
@@ -87,10 +91,11 @@ static int is_large(const source *s, const double by[3], char *text, size_t size
         body = fmax(body, info.bounds_max[d] - info.bounds_min[d]);
         move = hypot(move, by[d]);
     }
-    (void)snprintf(text, size,
-                   "--by is %.3g m, %.0f %% of the body's %.3g m: the answer is linear, far beyond small "
-                   "strain (lengths are in metres)",
-                   move, 100.0 * move / body, body);
+    (void)snprintf(
+        text, size,
+        "--by is %.3g m, %.0f %% of the body's %.3g m: the answer is linear, far beyond small "
+        "strain (lengths are in metres)",
+        move, 100.0 * move / body, body);
     return move > 0.2 * body;
 }
 

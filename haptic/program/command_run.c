@@ -1,4 +1,5 @@
-/// @file command_run.c  palpate run SCENE|MODEL: the servo, the render thread, the devices, a report.
+/// @file command_run.c  palpate run SCENE|MODEL: the servo, the render thread, the devices, a
+/// report.
 #include "haptic/program/program.h"
 
 #include <math.h>
@@ -9,13 +10,13 @@
 
 #include <palpate/session.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 #include "haptic/program/painter.h"
 
 typedef struct options {
     common_options common;
     const char *path;
-    double seconds;  ///< 0: as long as the devices move
+    double seconds; ///< 0: as long as the devices move
     int freewheel;
     int realtime;
     int cpu;
@@ -25,8 +26,20 @@ typedef struct options {
     int draw;
 } options;
 
-enum { KEY_FOR = 0x200, KEY_FREEWHEEL, KEY_RECORD, KEY_SNAPSHOT, KEY_GIF, KEY_STRICT, KEY_NORT, KEY_CPU,
-       KEY_REFERENCE, KEY_SIZE, KEY_NODRAW, KEY_DUMP };
+enum {
+    KEY_FOR = 0x200,
+    KEY_FREEWHEEL,
+    KEY_RECORD,
+    KEY_SNAPSHOT,
+    KEY_GIF,
+    KEY_STRICT,
+    KEY_NORT,
+    KEY_CPU,
+    KEY_REFERENCE,
+    KEY_SIZE,
+    KEY_NODRAW,
+    KEY_DUMP
+};
 
 static double positive(const char *text, const char *name, struct argp_state *state) {
     char *end = NULL;
@@ -91,7 +104,8 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         o->path = arg;
         return 0;
     case ARGP_KEY_NO_ARGS:
-        argp_error(state, "which SCENE or MODEL? e.g. palpate run scenes/organ.yaml --snapshot organ.png");
+        argp_error(state,
+                   "which SCENE or MODEL? e.g. palpate run scenes/organ.yaml --snapshot organ.png");
         return 0;
     default:
         return ARGP_ERR_UNKNOWN;
@@ -99,34 +113,44 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
 }
 
 static const struct argp_option list[] = {
-    {"for", KEY_FOR, "SECONDS", 0, "Session time to run (default: as long as the devices move, else 10 s)", 1},
-    {"freewheel", KEY_FREEWHEEL, NULL, 0, "No waiting: every tick is evaluated, as fast as it goes", 1},
-    {"record", KEY_RECORD, "FILE.h5", 0, "Record every tick and the deformed surface (HDF5 + XDMF for ParaView)", 1},
+    {"for", KEY_FOR, "SECONDS", 0,
+     "Session time to run (default: as long as the devices move, else 10 s)", 1},
+    {"freewheel", KEY_FREEWHEEL, NULL, 0, "No waiting: every tick is evaluated, as fast as it goes",
+     1},
+    {"record", KEY_RECORD, "FILE.h5", 0,
+     "Record every tick and the deformed surface (HDF5 + XDMF for ParaView)", 1},
     {"dump", KEY_DUMP, "FILE.h5", 0,
-     "Keep the last ticks in memory and write them here when a fault occurs, and on SIGUSR1 (FILE-2.h5 and so on "
-     "for the next ones; `palpate replay` opens them)", 1},
+     "Keep the last ticks in memory and write them here when a fault occurs, and on SIGUSR1 "
+     "(FILE-2.h5 and so on "
+     "for the next ones; `palpate replay` opens them)",
+     1},
     {"snapshot", KEY_SNAPSHOT, "FILE.png", 0, "Picture of the moment with the largest force", 1},
     {"gif", KEY_GIF, "FILE.gif", 0, "Short animation, 10 pictures a second", 1},
     {"size", KEY_SIZE, "WxH", 0, "Size of the pictures (default 960x640)", 1},
     {"no-draw", KEY_NODRAW, NULL, 0, "The render thread takes frames and draws nothing", 1},
-    {"strict", KEY_STRICT, NULL, 0, "Fail when real-time scheduling is refused (default: go on and say so)", 2},
+    {"strict", KEY_STRICT, NULL, 0,
+     "Fail when real-time scheduling is refused (default: go on and say so)", 2},
     {"no-realtime", KEY_NORT, NULL, 0, "Do not ask for real-time scheduling", 2},
     {"cpu", KEY_CPU, "N", 0, "Core of the servo thread (default: the last one)", 2},
     {"reference", KEY_REFERENCE, "SECONDS", 0,
-     "Alternate slices of the session with slices of a bare real-time loop, which shows what the machine itself "
-     "misses", 2},
+     "Alternate slices of the session with slices of a bare real-time loop, which shows what the "
+     "machine itself "
+     "misses",
+     2},
     {0}};
 static const char doc[] =
     "Drive the tools' devices through the engine at the servo rate and report.\v"
-    "Ticks + missed is the number of periods that passed. Compute is the engine's time per tick, lateness how "
-    "late the thread woke up: the first judges Palpate, the second the machine (`palpate doctor`). Forces are "
+    "Ticks + missed is the number of periods that passed. Compute is the engine's time per tick, "
+    "lateness how "
+    "late the thread woke up: the first judges Palpate, the second the machine (`palpate doctor`). "
+    "Forces are "
     "those on the tool. A MODEL file needs neither the scene nor any GPL library.\n\n"
     "Example:\n  palpate run scenes/hemisphere.yaml --for 10 --snapshot hemisphere.png \\\n"
     "    --record press.h5";
 
 /// Devices of the tools; a tool without one cannot be run.
-static pal_status create_devices(const pal_runtime_config *runtime, pal_session_def *def, double *longest,
-                                 pal_error *error) {
+static pal_status create_devices(const pal_runtime_config *runtime, pal_session_def *def,
+                                 double *longest, pal_error *error) {
     *longest = 0.0;
     for (int32_t t = 0; t < runtime->tool_count; t++) {
         pal_status status =
@@ -148,7 +172,8 @@ static pal_status create_devices(const pal_runtime_config *runtime, pal_session_
 }
 
 static json_t *json_quantiles(const pal_quantiles *q) {
-    return json_pack("{s:f,s:f,s:f,s:f}", "p50", q->p50, "p99", q->p99, "p999", q->p999, "max", q->max);
+    return json_pack("{s:f,s:f,s:f,s:f}", "p50", q->p50, "p99", q->p99, "p999", q->p999, "max",
+                     q->max);
 }
 
 static void print_quantiles(const char *name, const pal_quantiles *q) {
@@ -164,8 +189,9 @@ static json_t *json_limits(const pal_session_report *r) {
     json_t *array = json_array();
     for (int32_t t = 0; t < r->tool_count; t++) {
         const pal_tool_limits *l = &r->limits[t];
-        json_array_append_new(array, json_pack("{s:o,s:o,s:o}", "force", json_limit(l->force), "slew",
-                                              json_limit(l->slew), "torque", json_limit(l->torque)));
+        json_array_append_new(array,
+                              json_pack("{s:o,s:o,s:o}", "force", json_limit(l->force), "slew",
+                                        json_limit(l->slew), "torque", json_limit(l->torque)));
     }
     return array;
 }
@@ -176,9 +202,10 @@ static json_t *json_events(const pal_engine_counts *c, const char *const name[32
     uint64_t first = c->events > PALPATE_EVENTS_KEPT ? c->events - PALPATE_EVENTS_KEPT : 0;
     for (uint64_t n = first; n < c->events; n++) {
         const pal_fault_event *e = &c->event[n % PALPATE_EVENTS_KEPT];
-        json_array_append_new(array, json_pack("{s:I,s:i,s:s,s:o}", "tick", (json_int_t)e->tick, "tool",
-                                              (int)e->tool, "fault", name[e->bit] + strlen("PALPATE_FAULT_"),
-                                              "value", json_limit(e->value)));
+        json_array_append_new(array, json_pack("{s:I,s:i,s:s,s:o}", "tick", (json_int_t)e->tick,
+                                               "tool", (int)e->tool, "fault",
+                                               name[e->bit] + strlen("PALPATE_FAULT_"), "value",
+                                               json_limit(e->value)));
     }
     return array;
 }
@@ -215,7 +242,8 @@ static json_t *json_energy(const pal_session_report *r, const pal_runtime_config
 static void print_energy(const pal_session_report *r, const pal_runtime_config *runtime) {
     for (int32_t t = 0; t < runtime->tool_count; t++) {
         const pal_port_energy *e = &r->port[t];
-        (void)printf("energy         %s: %.3g mJ taken from the device, %.3g mJ given back, at most %.3g mJ in "
+        (void)printf("energy         %s: %.3g mJ taken from the device, %.3g mJ given back, at "
+                     "most %.3g mJ in "
                      "excess\n",
                      runtime->tools[t].name, 1e3 * e->taken, 1e3 * e->given, 1e3 * e->worst);
     }
@@ -242,13 +270,15 @@ static json_t *json_report(const pal_session_report *r, const options *o) {
     json_object_set_new(j, "peak_force_vector", json_vector3(r->peak_force_vector));
     json_object_set_new(j, "peak_depth", json_real(r->peak_depth));
     json_object_set_new(j, "contact_ticks", json_integer((json_int_t)r->counts.contact_ticks));
-    json_object_set_new(j, "contacts_dropped", json_integer((json_int_t)r->counts.contacts_dropped));
+    json_object_set_new(j, "contacts_dropped",
+                        json_integer((json_int_t)r->counts.contacts_dropped));
     for (int i = 0; i < 32; i++) {
         if (r->counts.fault[i] > 0 && fault_name[i] != NULL) {
-            json_object_set_new(faults, fault_name[i] + strlen("PALPATE_FAULT_"),
-                                json_pack("{s:I,s:I,s:f}", "count", (json_int_t)r->counts.fault[i], "last_tick",
-                                          (json_int_t)r->counts.fault_tick[i], "value",
-                                          isfinite(r->counts.fault_value[i]) ? r->counts.fault_value[i] : -1.0));
+            json_object_set_new(
+                faults, fault_name[i] + strlen("PALPATE_FAULT_"),
+                json_pack("{s:I,s:I,s:f}", "count", (json_int_t)r->counts.fault[i], "last_tick",
+                          (json_int_t)r->counts.fault_tick[i], "value",
+                          isfinite(r->counts.fault_value[i]) ? r->counts.fault_value[i] : -1.0));
         }
     }
     json_object_set_new(j, "faults", faults);
@@ -260,12 +290,14 @@ static json_t *json_report(const pal_session_report *r, const options *o) {
     if (o->record != NULL) {
         json_object_set_new(j, "recording",
                             json_pack("{s:s,s:I,s:I,s:I,s:s}", "file", o->record, "records",
-                                      (json_int_t)r->records, "lost", (json_int_t)r->records_lost, "frames",
-                                      (json_int_t)r->record_frames, "error", r->record_error));
+                                      (json_int_t)r->records, "lost", (json_int_t)r->records_lost,
+                                      "frames", (json_int_t)r->record_frames, "error",
+                                      r->record_error));
     }
     if (o->dump != NULL) {
-        json_object_set_new(j, "dumps", json_pack("{s:i,s:i,s:s}", "written", (int)r->dumps, "lost",
-                                                  (int)r->dumps_lost, "newest", r->dump_path));
+        json_object_set_new(j, "dumps",
+                            json_pack("{s:i,s:i,s:s}", "written", (int)r->dumps, "lost",
+                                      (int)r->dumps_lost, "newest", r->dump_path));
     }
     if (o->reference > 0.0) {
         json_object_set_new(j, "bare",
@@ -284,8 +316,8 @@ static void print_report(const pal_session_report *r, const options *o, const pa
 #define FAULT_TEXT(name, bit, text) [bit] = text,
     static const char *const fault_text[32] = {PALPATE_FAULT_LIST(FAULT_TEXT)};
 #undef FAULT_TEXT
-    (void)printf("ticks          %llu evaluated, %llu missed, of %.3f s\n", (unsigned long long)r->ticks,
-                 (unsigned long long)r->missed, r->seconds);
+    (void)printf("ticks          %llu evaluated, %llu missed, of %.3f s\n",
+                 (unsigned long long)r->ticks, (unsigned long long)r->missed, r->seconds);
     if (o->reference > 0.0) {
         (void)printf("bare loop      %llu ticks, %llu missed: what the machine itself misses\n",
                      (unsigned long long)r->bare.ticks, (unsigned long long)r->bare.missed);
@@ -303,9 +335,9 @@ static void print_report(const pal_session_report *r, const options *o, const pa
             print_quantiles("  bare loop's", &r->bare.lateness_us);
         }
     }
-    (void)printf("peak force     %.4f N on the tool (%.4f, %.4f, %.4f), deepest %.2f mm\n", r->peak_force,
-                 r->peak_force_vector[0], r->peak_force_vector[1], r->peak_force_vector[2],
-                 1e3 * r->peak_depth);
+    (void)printf("peak force     %.4f N on the tool (%.4f, %.4f, %.4f), deepest %.2f mm\n",
+                 r->peak_force, r->peak_force_vector[0], r->peak_force_vector[1],
+                 r->peak_force_vector[2], 1e3 * r->peak_depth);
     print_limits(r);
     double mean = 0.0;
     unsigned long drawn = p != NULL ? painter_count(p, &mean) : 0;
@@ -313,7 +345,8 @@ static void print_report(const pal_session_report *r, const options *o, const pa
     if (drawn > 0) {
         (void)printf(", drawn in %.1f ms each", 1e3 * mean);
     }
-    (void)printf("; %llu ticks without a field for lack of time\n", (unsigned long long)r->field_skipped);
+    (void)printf("; %llu ticks without a field for lack of time\n",
+                 (unsigned long long)r->field_skipped);
     for (int i = 0; i < 32; i++) {
         if (r->counts.fault[i] > 0 && fault_text[i] != NULL) {
             (void)printf("fault          %llu x %s (last in tick %llu, value %g)\n",
@@ -322,7 +355,8 @@ static void print_report(const pal_session_report *r, const options *o, const pa
         }
     }
     if (r->device_errors > 0) {
-        (void)printf("device         %llu refused reads or writes\n", (unsigned long long)r->device_errors);
+        (void)printf("device         %llu refused reads or writes\n",
+                     (unsigned long long)r->device_errors);
     }
     if (o->record != NULL) {
         (void)printf("recording      %s: %llu records, %llu frames, %llu lost%s%s\n", o->record,
@@ -331,8 +365,8 @@ static void print_report(const pal_session_report *r, const options *o, const pa
                      r->record_error[0] ? "; " : "", r->record_error);
     }
     if (r->dumps + r->dumps_lost > 0) {
-        (void)printf("dumps          %d of the last ticks, the newest %s; %d not written\n", (int)r->dumps,
-                     r->dump_path, (int)r->dumps_lost);
+        (void)printf("dumps          %d of the last ticks, the newest %s; %d not written\n",
+                     (int)r->dumps, r->dump_path, (int)r->dumps_lost);
     }
     if (o->snapshot != NULL) {
         (void)printf("picture        %s\n", o->snapshot);
@@ -354,7 +388,8 @@ static void wait_for_end(pal_session *session, const options *o, double seconds)
         pal_session_report now;
         pal_session_get_report(session, &now);
         double f = seconds > 0.0 ? now.seconds / seconds : -1.0;
-        (void)progress.call(progress.user, "run", f, seconds > 0.0 && !o->freewheel ? seconds - now.seconds : -1.0);
+        (void)progress.call(progress.user, "run", f,
+                            seconds > 0.0 && !o->freewheel ? seconds - now.seconds : -1.0);
     }
     progress_end();
 }
@@ -363,7 +398,8 @@ static pal_status run(const source *s, options *o, pal_session_report *report, p
                       pal_error *error) {
     const pal_runtime_config *runtime = pal_model_runtime(s->model);
     if (runtime->tool_count == 0) {
-        return pal_fail(error, PALPATE_ERROR_SCENE, "%s: no tools: `run` needs `tools` with a device each", o->path);
+        return pal_fail(error, PALPATE_ERROR_SCENE,
+                        "%s: no tools: `run` needs `tools` with a device each", o->path);
     }
     pal_session_def def = pal_session_default_def();
     def.engine.tools = runtime->tools;
@@ -391,8 +427,13 @@ static pal_status run(const source *s, options *o, pal_session_report *report, p
     const char *base = strrchr(o->path, '/');
     (void)snprintf(title, sizeof title, "%s", base != NULL ? base + 1 : o->path);
     if (o->draw || o->snapshot != NULL || o->gif != NULL) {
-        painter_def p = {.model = s->model, .runtime = runtime, .title = title, .width = o->width,
-                         .height = o->height, .snapshot_path = o->snapshot, .gif_path = o->gif,
+        painter_def p = {.model = s->model,
+                         .runtime = runtime,
+                         .title = title,
+                         .width = o->width,
+                         .height = o->height,
+                         .snapshot_path = o->snapshot,
+                         .gif_path = o->gif,
                          .gif_period = 0.1};
         *paint = painter_create(&p);
         def.render = *paint != NULL ? painter_frame : NULL;
@@ -420,7 +461,11 @@ static pal_status run(const source *s, options *o, pal_session_report *report, p
 }
 
 int command_run(int argc, char **argv) {
-    options o = {.common = {.command = "palpate run"}, .realtime = 1, .cpu = -1, .width = 960, .height = 640,
+    options o = {.common = {.command = "palpate run"},
+                 .realtime = 1,
+                 .cpu = -1,
+                 .width = 960,
+                 .height = 640,
                  .draw = 1};
     const struct argp_child children[] = {{&common_argp, 0, NULL, 0}, {0}};
     const struct argp argp = {list, parse, "SCENE|MODEL", doc, children, NULL, NULL};
@@ -442,7 +487,8 @@ int command_run(int argc, char **argv) {
     status = run(&s, &o, &report, &paint, &error);
     int exit_status = 0;
     if (status != PALPATE_OK) {
-        if (!o.common.json && report.ticks > 0 && paint != NULL && painter_status(paint, NULL) != PALPATE_OK) {
+        if (!o.common.json && report.ticks > 0 && paint != NULL &&
+            painter_status(paint, NULL) != PALPATE_OK) {
             o.snapshot = o.gif = NULL; // a picture that failed does not lose the run's report
             print_report(&report, &o, paint);
             print_energy(&report, pal_model_runtime(s.model));

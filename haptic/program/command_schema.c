@@ -1,4 +1,5 @@
-/// @file command_schema.c  palpate schema: every key of a scene, from the table that drives the loader.
+/// @file command_schema.c  palpate schema: every key of a scene, from the table that drives the
+/// loader.
 #include "haptic/program/program.h"
 
 #include <stdio.h>
@@ -12,8 +13,9 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
     return ARGP_ERR_UNKNOWN;
 }
 
-static const char doc[] = "List every key of a scene: type, unit, what is allowed, default, meaning.\v"
-                          "Example:\n  palpate schema | grep -A2 spacing";
+static const char doc[] =
+    "List every key of a scene: type, unit, what is allowed, default, meaning.\v"
+    "Example:\n  palpate schema | grep -A2 spacing";
 
 int command_schema(int argc, char **argv) {
     common_options o = {.command = "palpate schema"};
@@ -31,14 +33,14 @@ int command_schema(int argc, char **argv) {
     for (int i = 0; i < count; i++) {
         const pal_scene_key *k = &keys[i];
         if (o.json) {
-            json_array_append_new(list, json_pack("{s:s,s:s,s:s,s:s,s:s,s:s}", "key", k->path, "type",
-                                                  k->type, "unit", k->unit, "allowed", k->allowed,
-                                                  "default", k->default_text, "help", k->help));
+            json_array_append_new(list,
+                                  json_pack("{s:s,s:s,s:s,s:s,s:s,s:s}", "key", k->path, "type",
+                                            k->type, "unit", k->unit, "allowed", k->allowed,
+                                            "default", k->default_text, "help", k->help));
         } else {
             (void)printf("%s\n    %s%s%s%s; %s; default: %s\n    %s\n",
-                         k->path[0] ? k->path : "(all of it)", k->type,
-                         k->unit[0] ? " [" : "", k->unit, k->unit[0] ? "]" : "", k->allowed,
-                         k->default_text, k->help);
+                         k->path[0] ? k->path : "(all of it)", k->type, k->unit[0] ? " [" : "",
+                         k->unit, k->unit[0] ? "]" : "", k->allowed, k->default_text, k->help);
         }
     }
     if (o.json) {

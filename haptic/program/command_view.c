@@ -9,7 +9,7 @@
 
 #include <palpate/session.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 #include "haptic/program/mouse_tool.h"
 #include "haptic/view/window.h"
 
@@ -22,14 +22,13 @@ typedef struct options {
     int mouse, width, height;
 } options;
 
-static const char help_text[] =
-    "left button     press where the pointer is (mouse tool)\n"
-    "wheel           pressing: deeper or less; else zoom\n"
-    "right button    orbit (or shift + left); middle: move\n"
-    "m               mouse tool or the scene's own device\n"
-    "space           pause;  r  reset;  s  save a picture\n"
-    "u               let a latched watchdog go\n"
-    "h               this help;  q or Esc  quit";
+static const char help_text[] = "left button     press where the pointer is (mouse tool)\n"
+                                "wheel           pressing: deeper or less; else zoom\n"
+                                "right button    orbit (or shift + left); middle: move\n"
+                                "m               mouse tool or the scene's own device\n"
+                                "space           pause;  r  reset;  s  save a picture\n"
+                                "u               let a latched watchdog go\n"
+                                "h               this help;  q or Esc  quit";
 
 static error_t parse(int key, char *arg, struct argp_state *state) {
     options *o = state->input;
@@ -70,14 +69,18 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
 
 static const struct argp_option list[] = {
     {"for", KEY_FOR, "SECONDS", 0, "Close by itself after this time", 1},
-    {"snapshot", KEY_SNAPSHOT, "FILE.png", 0, "Where the key s and the end of --for save the picture "
-                                              "(default palpate.png)", 1},
+    {"snapshot", KEY_SNAPSHOT, "FILE.png", 0,
+     "Where the key s and the end of --for save the picture "
+     "(default palpate.png)",
+     1},
     {"mouse", KEY_MOUSE, NULL, 0, "Start with the mouse as tool", 1},
     {"size", KEY_SIZE, "WxH", 0, "Size of the window (default 960x640)", 1},
     {0}};
 static const char doc[] =
-    "Show the running model in a window: deformed surface, tools, forces, plots of the last seconds.\v"
-    "The servo runs at its rate beside the window. Without hardware the mouse is a tool: press with the left "
+    "Show the running model in a window: deformed surface, tools, forces, plots of the last "
+    "seconds.\v"
+    "The servo runs at its rate beside the window. Without hardware the mouse is a tool: press "
+    "with the left "
     "button. h shows the keys.\n\nExample:\n  palpate view scenes/organ.yaml --mouse";
 
 typedef struct viewer {
@@ -123,14 +126,15 @@ static void move_tool(viewer *v, const pal_window_input *in, double seconds) {
     pal_model_info info;
     pal_model_get_info(v->model, &info);
     double size = pow(info.volume, 1.0 / 3.0);
-    if (!in->pressing) { // while pressing, the place is kept: the organ does not slip away under the pointer
+    if (!in->pressing) { // while pressing, the place is kept: the organ does not slip away under
+                         // the pointer
         double origin[3], direction[3];
         pal_canvas_ray(v->canvas, in->cursor[0], in->cursor[1], origin, direction);
         v->hovering = mouse_tool_pick(v->model, origin, direction, v->hover, v->normal);
         v->press_depth = fmax(-0.05 * size, v->press_depth - 0.6 * size * seconds);
     } else if (v->hovering) {
-        v->press_depth = fmin(0.12 * size, fmax(v->press_depth, -0.02 * size) + 0.06 * size * seconds +
-                                               0.01 * size * in->push);
+        v->press_depth = fmin(0.12 * size, fmax(v->press_depth, -0.02 * size) +
+                                               0.06 * size * seconds + 0.01 * size * in->push);
     }
     if (v->hovering) {
         pal_pose pose = mouse_tool_pose(tool, v->hover, v->normal, v->press_depth);
@@ -176,16 +180,23 @@ static void draw(viewer *v, int width, int height) {
     pal_session_report r;
     pal_session_get_report(v->session, &r);
     const char *base = strrchr(v->o->path, '/');
-    (void)snprintf(title, sizeof title, "%s\n%llu ticks, %llu missed\ntick %.0f us (p99 %.0f us)\n%s; h: help%s",
+    (void)snprintf(title, sizeof title,
+                   "%s\n%llu ticks, %llu missed\ntick %.0f us (p99 %.0f us)\n%s; h: help%s",
                    base != NULL ? base + 1 : v->o->path, (unsigned long long)r.ticks,
                    (unsigned long long)r.missed, r.compute_us.p50, r.compute_us.p99,
                    v->mouse ? "mouse tool" : "the scene's device",
                    r.latched != 0 ? "\nLATCHED after a fault: u lets the force come back" : "");
-    pal_caption caption = {.title = title, .range = v->range, .depth_history = v->depth,
-                           .force_history = v->force, .history_count = v->history,
-                           .history_seconds = v->history > 0 ? v->time[v->history - 1] - v->time[0] : 0.0,
-                           .help = v->help ? help_text : NULL, .paused = v->paused};
-    pal_canvas_draw(v->canvas, v->have_frame ? &v->frame : NULL, v->runtime, &v->camera, &caption, width, height);
+    pal_caption caption = {.title = title,
+                           .range = v->range,
+                           .depth_history = v->depth,
+                           .force_history = v->force,
+                           .history_count = v->history,
+                           .history_seconds =
+                               v->history > 0 ? v->time[v->history - 1] - v->time[0] : 0.0,
+                           .help = v->help ? help_text : NULL,
+                           .paused = v->paused};
+    pal_canvas_draw(v->canvas, v->have_frame ? &v->frame : NULL, v->runtime, &v->camera, &caption,
+                    width, height);
     if (pal_canvas_largest(v->canvas) > v->range) {
         v->range = pal_round_up(pal_canvas_largest(v->canvas));
     }
@@ -197,8 +208,8 @@ static pal_status save(viewer *v, int width, int height, pal_error *error) {
         return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory");
     }
     pal_window_read(v->window, width, height, rgba);
-    pal_status status = pal_picture_write_png(v->o->snapshot != NULL ? v->o->snapshot : "palpate.png", width,
-                                              height, rgba, error);
+    pal_status status = pal_picture_write_png(
+        v->o->snapshot != NULL ? v->o->snapshot : "palpate.png", width, height, rgba, error);
     free(rgba);
     return status;
 }
@@ -227,7 +238,8 @@ static pal_status loop(viewer *v, pal_error *error) {
                 push_history(v);
             }
         }
-        end = in.close || interrupt_signal() != 0 || (v->o->seconds > 0.0 && now - begin >= v->o->seconds);
+        end = in.close || interrupt_signal() != 0 ||
+              (v->o->seconds > 0.0 && now - begin >= v->o->seconds);
         if (width > 0 && height > 0) {
             draw(v, width, height);
             if (in.snapshot || (end && v->o->seconds > 0.0 && v->o->snapshot != NULL)) {
@@ -279,7 +291,8 @@ static pal_status create_devices(viewer *v, pal_session_def *def, pal_error *err
 
 static pal_status start_session(viewer *v, pal_error *error) {
     if (v->runtime->tool_count == 0) {
-        return pal_fail(error, PALPATE_ERROR_SCENE, "%s: no tools: `view` needs at least one in `tools`", v->o->path);
+        return pal_fail(error, PALPATE_ERROR_SCENE,
+                        "%s: no tools: `view` needs at least one in `tools`", v->o->path);
     }
     pal_session_def def = pal_session_default_def();
     def.engine.tools = v->runtime->tools;
@@ -347,12 +360,14 @@ int command_view(int argc, char **argv) {
         return report_error(&o.common, status, &error);
     }
     if (o.common.json) {
-        print_json(json_pack("{s:I,s:I,s:I,s:f}", "ticks", (json_int_t)r.ticks, "missed", (json_int_t)r.missed,
-                             "frames", (json_int_t)v.frames, "peak_force", r.peak_force));
+        print_json(json_pack("{s:I,s:I,s:I,s:f}", "ticks", (json_int_t)r.ticks, "missed",
+                             (json_int_t)r.missed, "frames", (json_int_t)v.frames, "peak_force",
+                             r.peak_force));
     } else {
-        (void)printf("%llu ticks, %llu missed; %llu pictures drawn; peak force %.4f N on the tool\n",
-                     (unsigned long long)r.ticks, (unsigned long long)r.missed, (unsigned long long)v.frames,
-                     r.peak_force);
+        (void)printf(
+            "%llu ticks, %llu missed; %llu pictures drawn; peak force %.4f N on the tool\n",
+            (unsigned long long)r.ticks, (unsigned long long)r.missed, (unsigned long long)v.frames,
+            r.peak_force);
     }
     return 0;
 }

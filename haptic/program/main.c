@@ -14,11 +14,15 @@ static const command commands[] = {
     {"precompute", command_precompute, "SCENE [-o MODEL]: build and certify the model of a scene"},
     {"info", command_info, "MODEL: what is in it, its certificate, its cost"},
     {"press", command_press, "SCENE|MODEL --patch NAME --by X,Y,Z: force of a bonded patch"},
-    {"indent", command_indent, "SCENE|MODEL --tool NAME --depths D1,D2,...: a rigid tool pressed in, F(d)"},
-    {"run", command_run, "SCENE|MODEL [--for S] [--freewheel] [--record FILE] [--snapshot PNG]: feel it"},
+    {"indent", command_indent,
+     "SCENE|MODEL --tool NAME --depths D1,D2,...: a rigid tool pressed in, F(d)"},
+    {"run", command_run,
+     "SCENE|MODEL [--for S] [--freewheel] [--record FILE] [--snapshot PNG]: feel it"},
     {"recover", command_recover, "FILE: the recording of a run that was killed"},
-    {"replay", command_replay, "FILE [--model SCENE|MODEL]: a recording felt again; every force bit for bit?"},
-    {"plot", command_plot, "FILE [-o PNG]: force, depth, compute time and lateness of a recording, drawn"},
+    {"replay", command_replay,
+     "FILE [--model SCENE|MODEL]: a recording felt again; every force bit for bit?"},
+    {"plot", command_plot,
+     "FILE [-o PNG]: force, depth, compute time and lateness of a recording, drawn"},
     {"view", command_view, "SCENE|MODEL: the running model in a window; the mouse can be the tool"},
     {"doctor", command_doctor, "is this machine ready for real time?"},
     {"schema", command_schema, "every key of a scene"},
@@ -26,8 +30,9 @@ static const command commands[] = {
 enum { COMMAND_COUNT = sizeof commands / sizeof commands[0] };
 
 static void usage(FILE *out) {
-    (void)fprintf(out, "palpate %s: real-time haptics of deformable organs\n\nusage: palpate COMMAND ...\n\n",
-                  pal_version());
+    (void)fprintf(
+        out, "palpate %s: real-time haptics of deformable organs\n\nusage: palpate COMMAND ...\n\n",
+        pal_version());
     for (int i = 0; i < COMMAND_COUNT; i++) {
         (void)fprintf(out, "  %-11s %s\n", commands[i].name, commands[i].help);
     }

@@ -146,9 +146,11 @@ int mouse_tool_pick(const pal_model *model, const double origin[3], const double
             f[d] = c[d] - a[d];
             s[d] = origin[d] - a[d];
         }
-        double p[3] = {direction[1] * f[2] - direction[2] * f[1], direction[2] * f[0] - direction[0] * f[2],
+        double p[3] = {direction[1] * f[2] - direction[2] * f[1],
+                       direction[2] * f[0] - direction[0] * f[2],
                        direction[0] * f[1] - direction[1] * f[0]};
-        double q[3] = {s[1] * e[2] - s[2] * e[1], s[2] * e[0] - s[0] * e[2], s[0] * e[1] - s[1] * e[0]};
+        double q[3] = {s[1] * e[2] - s[2] * e[1], s[2] * e[0] - s[0] * e[2],
+                       s[0] * e[1] - s[1] * e[0]};
         double det = e[0] * p[0] + e[1] * p[1] + e[2] * p[2];
         if (!(det > 0.0)) { // the back of a triangle, or seen from its side
             continue;
@@ -160,7 +162,8 @@ int mouse_tool_pick(const pal_model *model, const double origin[3], const double
             continue;
         }
         best = at;
-        double n[3] = {e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]};
+        double n[3] = {e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2],
+                       e[0] * f[1] - e[1] * f[0]};
         double size = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
         for (int d = 0; d < 3; d++) {
             point[d] = origin[d] + at * direction[d];

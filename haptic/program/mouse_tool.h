@@ -22,8 +22,8 @@ void mouse_tool_set(mouse_tool *m, const pal_pose *pose);
 int mouse_tool_pick(const pal_model *model, const double origin[3], const double direction[3],
                     double point[3], double normal[3]);
 
-/// The tool's pose when it overlaps the surface point by `depth` along the inward normal; its handle
-/// points along the normal.
+/// The tool's pose when it overlaps the surface point by `depth` along the inward normal; its
+/// handle points along the normal.
 pal_pose mouse_tool_pose(const pal_tool_def *tool, const double point[3], const double normal[3],
                          double depth);
 

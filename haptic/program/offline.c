@@ -4,7 +4,7 @@
 #include <dlfcn.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 const offline_api *offline_open(pal_error *error) {
     static offline_api api; // of the program, not of a library

@@ -27,8 +27,8 @@ int print_finish(int status) {
 }
 
 int report_error(const common_options *options, pal_status status, const pal_error *error) {
-    const char *message = error != NULL && error->message[0] != '\0' ? error->message
-                                                                      : pal_status_text(status);
+    const char *message =
+        error != NULL && error->message[0] != '\0' ? error->message : pal_status_text(status);
     progress_end();
     (void)fprintf(stderr, "%s: %s\n", options->command, message);
     if (options->json) {
@@ -62,13 +62,15 @@ json_t *json_certificate(const pal_certificate *c) {
     json_object_set_new(o, "max_eigenvalue", number(c->max_eigenvalue));
     json_object_set_new(o, "solve_residual", number(c->solve_residual));
     json_object_set_new(o, "rcond", number(c->rcond));
-    json_object_set_new(o, "force_balance", c->force_balance < 0 ? json_null() : number(c->force_balance));
+    json_object_set_new(o, "force_balance",
+                        c->force_balance < 0 ? json_null() : number(c->force_balance));
     json_object_set_new(o, "stencil_condition", number(c->mls_worst_condition));
     json_object_set_new(o, "stencil_worst_point", json_vector3(c->mls_worst_point));
     json_object_set_new(o, "stencils_grown", json_integer(c->mls_grown));
     json_object_set_new(o, "estimated_error",
                         c->estimated_error < 0 ? json_null() : number(c->estimated_error));
-    json_object_set_new(o, "loop_energy", c->loop_energy < 0 ? json_null() : number(c->loop_energy));
+    json_object_set_new(o, "loop_energy",
+                        c->loop_energy < 0 ? json_null() : number(c->loop_energy));
     json_object_set_new(o, "loop_energy_raw",
                         c->loop_energy_raw < 0 ? json_null() : number(c->loop_energy_raw));
     json_object_set_new(o, "reason", json_string(c->reason));
@@ -104,10 +106,12 @@ json_t *json_info(const pal_model *model) {
                                   i.seconds.assemble, "factor", i.seconds.factor, "solve",
                                   i.seconds.solve, "certify", i.seconds.certify, "total",
                                   i.seconds.total));
-    json_object_set_new(o, "spacing", json_pack("{s:f,s:f,s:f}", "min", i.spacing_min, "mean",
-                                                i.spacing_mean, "max", i.spacing_max));
-    json_object_set_new(o, "material", json_pack("{s:f,s:f,s:f}", "young", i.young, "poisson",
-                                                 i.poisson, "density", i.density));
+    json_object_set_new(o, "spacing",
+                        json_pack("{s:f,s:f,s:f}", "min", i.spacing_min, "mean", i.spacing_mean,
+                                  "max", i.spacing_max));
+    json_object_set_new(
+        o, "material",
+        json_pack("{s:f,s:f,s:f}", "young", i.young, "poisson", i.poisson, "density", i.density));
     json_object_set_new(o, "volume", number(i.volume));
     json_object_set_new(o, "bounds",
                         json_pack("[o,o]", json_vector3(i.bounds_min), json_vector3(i.bounds_max)));
@@ -141,19 +145,22 @@ void print_certificate(const pal_certificate *c) {
     if (!c->pass) {
         (void)printf("  reason       %s\n", c->reason);
     }
-    (void)printf("  passive      %s\n", c->passive ? "yes (symmetric and positive definite)" : "no");
+    (void)printf("  passive      %s\n",
+                 c->passive ? "yes (symmetric and positive definite)" : "no");
     (void)printf("  reciprocity  %.2e before %s\n", c->reciprocity,
                  c->symmetrized ? "symmetrizing" : "any repair (stored as it is)");
     if (c->force_change >= 0) {
-        (void)printf("  force change %.2e at worst by symmetrizing, over the patches and sampled contacts\n",
-                     c->force_change);
+        (void)printf(
+            "  force change %.2e at worst by symmetrizing, over the patches and sampled contacts\n",
+            c->force_change);
     }
-    (void)printf("  eigenvalues  %.3e ... %.3e m/N (ratio %.2e)\n", c->min_eigenvalue, c->max_eigenvalue,
-                 c->min_eigenvalue_ratio);
-    (void)printf("  residual     %.1e worst of the sampled columns, rcond %.1e\n", c->solve_residual,
-                 c->rcond);
+    (void)printf("  eigenvalues  %.3e ... %.3e m/N (ratio %.2e)\n", c->min_eigenvalue,
+                 c->max_eigenvalue, c->min_eigenvalue_ratio);
+    (void)printf("  residual     %.1e worst of the sampled columns, rcond %.1e\n",
+                 c->solve_residual, c->rcond);
     if (c->force_balance >= 0) {
-        (void)printf("  balance      %.1e: support reaction against applied force\n", c->force_balance);
+        (void)printf("  balance      %.1e: support reaction against applied force\n",
+                     c->force_balance);
     }
     (void)printf("  stencils     worst condition %.1e at (%.4g, %.4g, %.4g) m, %d grown\n",
                  c->mls_worst_condition, c->mls_worst_point[0], c->mls_worst_point[1],
@@ -163,7 +170,8 @@ void print_certificate(const pal_certificate *c) {
                      100.0 * c->estimated_error);
     }
     if (c->loop_energy >= 0) {
-        (void)printf("  loops        %.1e of the stored energy returned per closed tool loop (raw block %.1e)\n",
+        (void)printf("  loops        %.1e of the stored energy returned per closed tool loop (raw "
+                     "block %.1e)\n",
                      c->loop_energy, c->loop_energy_raw);
     }
 }
@@ -177,7 +185,8 @@ void print_info(const pal_model *model) {
                  i.touchable_count, i.row_count);
     (void)printf("spacing        %.3g / %.3g / %.3g mm (min / mean / max)\n", 1e3 * i.spacing_min,
                  1e3 * i.spacing_mean, 1e3 * i.spacing_max);
-    (void)printf("body           %.4g cm^3, E %.4g Pa, nu %.4g\n", 1e6 * i.volume, i.young, i.poisson);
+    (void)printf("body           %.4g cm^3, E %.4g Pa, nu %.4g\n", 1e6 * i.volume, i.young,
+                 i.poisson);
     (void)printf("method         %s (%s)\n", i.method, i.method_options);
     (void)printf("compliance     %.1f MB; peak memory %.0f MB\n", 1e-6 * (double)i.bytes,
                  1e-6 * (double)i.peak_bytes);
@@ -185,16 +194,17 @@ void print_info(const pal_model *model) {
         (void)printf("rows           %.1f MB: %d clusters with bases of rank %d together, 16-bit\n",
                      1e-6 * (double)i.row_bytes, i.row_clusters, i.row_rank);
     } else {
-        (void)printf("rows           %.1f MB, every row in %s precision\n", 1e-6 * (double)i.row_bytes,
-                     precision[i.precision]);
+        (void)printf("rows           %.1f MB, every row in %s precision\n",
+                     1e-6 * (double)i.row_bytes, precision[i.precision]);
     }
     if (i.field_us > 0) {
-        (void)printf("field          %.1e of the largest displacement off at worst over sampled contacts%s, "
-                     "about %.0f us for 45 touched nodes\n",
-                     i.field_error, i.field_tolerance > 0 ? " (chosen by store.tolerance)" : "",
-                     i.field_us);
+        (void)printf(
+            "field          %.1e of the largest displacement off at worst over sampled contacts%s, "
+            "about %.0f us for 45 touched nodes\n",
+            i.field_error, i.field_tolerance > 0 ? " (chosen by store.tolerance)" : "", i.field_us);
     }
-    (void)printf("seconds        cloud %.2f, assemble %.2f, factor %.2f, solve %.2f, certify %.2f, total %.2f\n",
+    (void)printf("seconds        cloud %.2f, assemble %.2f, factor %.2f, solve %.2f, certify %.2f, "
+                 "total %.2f\n",
                  i.seconds.cloud, i.seconds.assemble, i.seconds.factor, i.seconds.solve,
                  i.seconds.certify, i.seconds.total);
     for (int32_t p = 0; p < i.patch_count; p++) {

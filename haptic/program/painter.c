@@ -7,7 +7,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 #include "haptic/view/view.h"
 
 struct painter {
@@ -53,8 +53,8 @@ static void start(painter *p) {
         p->status = pal_canvas_create(p->def.model, &p->canvas, &p->error);
     }
     if (p->status == PALPATE_OK && p->def.gif_path != NULL) {
-        p->status = pal_gif_open(p->def.gif_path, p->def.width, p->def.height, p->def.gif_period, &p->gif,
-                                 &p->error);
+        p->status = pal_gif_open(p->def.gif_path, p->def.width, p->def.height, p->def.gif_period,
+                                 &p->gif, &p->error);
     }
 }
 
@@ -71,7 +71,8 @@ static double force_size(const pal_frame *frame, double *depth) {
 
 /// @param keep  1: full size and read back into p->picture; 0: half size, drawn only
 static void draw(painter *p, const pal_frame *frame, int keep) {
-    int width = keep ? p->def.width : p->def.width / 2, height = keep ? p->def.height : p->def.height / 2;
+    int width = keep ? p->def.width : p->def.width / 2,
+        height = keep ? p->def.height : p->def.height / 2;
     char title[512];
     double depth, force = force_size(frame, &depth);
     (void)snprintf(title, sizeof title, "%s\nt = %.2f s\nforce %.3f N\ndepth %.2f mm", p->def.title,
@@ -103,8 +104,8 @@ static void finish(painter *p) {
                             p->def.height);
             pal_offscreen_read(p->offscreen, p->picture);
         }
-        p->status = pal_picture_write_png(p->def.snapshot_path, p->def.width, p->def.height, p->picture,
-                                          &p->error);
+        p->status = pal_picture_write_png(p->def.snapshot_path, p->def.width, p->def.height,
+                                          p->picture, &p->error);
     }
     pal_status closed = pal_gif_close(p->gif, p->status == PALPATE_OK ? &p->error : NULL);
     p->status = p->status == PALPATE_OK ? closed : p->status;

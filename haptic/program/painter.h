@@ -15,8 +15,8 @@ typedef struct painter_def {
     const char *title;
     int width, height;
     const char *snapshot_path; ///< PNG of the frame with the largest force; NULL: none
-    const char *gif_path; ///< NULL: none
-    double gif_period;    ///< seconds of session time between GIF frames
+    const char *gif_path;      ///< NULL: none
+    double gif_period;         ///< seconds of session time between GIF frames
 } painter_def;
 
 /// The OpenGL context is made on the thread of the first painter_frame.

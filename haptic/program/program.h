@@ -1,7 +1,8 @@
 /// @file program.h  The `palpate` program: its commands and what they share.
 ///
 /// The program links libpalpate only. The offline library (SuiteSparse, libyaml; GPL parts)
-/// is opened by offline_open() when a command is given a scene, so that `run MODEL` loads nothing GPL.
+/// is opened by offline_open() when a command is given a scene, so that `run MODEL` loads nothing
+/// GPL.
 #ifndef PALPATE_PROGRAM_H
 #define PALPATE_PROGRAM_H
 
@@ -46,7 +47,8 @@ int parse_vector(const char *text, double v[3]);
 /// Parse "WIDTHxHEIGHT". @return 0 when it is not two numbers of 64 to 4096
 int parse_size(const char *text, int *width, int *height);
 
-/// The one argument of commands on a recording; for the default of their parsers. @return as argp's parsers
+/// The one argument of commands on a recording; for the default of their parsers. @return as argp's
+/// parsers
 error_t parse_recording(int key, char *arg, struct argp_state *state, const char **path);
 
 /// ---- Scene or model (source.c) -----------------------------------------------------------------
@@ -55,20 +57,21 @@ typedef struct source {
     pal_model *model;
     pal_scene *scene; ///< NULL for a model file
     int was_cached;
-    int passed;       ///< 0: the certificate does not pass (the model is there to be looked at)
+    int passed; ///< 0: the certificate does not pass (the model is there to be looked at)
     char certificate_message[1024];
 } source;
 
 /// Open SCENE (through the cache, with progress) or MODEL.
 /// @param allow_failing  1: a model that fails its certificate is returned with passed = 0
-pal_status source_open(const char *path, const common_options *options, int allow_failing, source *out,
-                       pal_error *error);
+pal_status source_open(const char *path, const common_options *options, int allow_failing,
+                       source *out, pal_error *error);
 void source_close(source *s);
 /// The scene's warnings on stderr, once.
 void source_print_warnings(const source *s, const common_options *options);
 json_t *source_warnings_json(const source *s);
 
-/// ---- The offline library, opened on demand (offline.c) -------------------------------------------
+/// ---- The offline library, opened on demand (offline.c)
+/// -------------------------------------------
 typedef struct offline_api {
     __typeof__(&pal_scene_load) scene_load;
     __typeof__(&pal_scene_free) scene_free;
@@ -85,8 +88,9 @@ typedef struct offline_api {
 /// @return the table, or NULL with a message (library missing)
 const offline_api *offline_open(pal_error *error);
 
-/// ---- Progress and interruption (progress.c) ------------------------------------------------------
-/// Install SIGINT/SIGTERM handlers that only set a flag.
+/// ---- Progress and interruption (progress.c)
+/// ------------------------------------------------------ Install SIGINT/SIGTERM handlers that only
+/// set a flag.
 void interrupt_install(void);
 /// The signal that arrived, or 0.
 int interrupt_signal(void);
@@ -98,8 +102,9 @@ int dump_signal(void);
 pal_progress progress_line(const common_options *options);
 void progress_end(void);
 
-/// ---- Output (output.c) ----------------------------------------------------------------------------
-/// Print the one JSON object and free it.
+/// ---- Output (output.c)
+/// ---------------------------------------------------------------------------- Print the one JSON
+/// object and free it.
 void print_json(json_t *object);
 /// The exit status after all was printed: `status`, but never 0 when a result did not get out (a
 /// full disk, a value that JSON cannot hold).

@@ -5,15 +5,14 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 /// A scene is text; a model file has zero bytes in its first block.
 static pal_status is_model_file(const char *path, int *model, pal_error *error) {
     char head[512];
     FILE *f = fopen(path, "rbe");
     if (f == NULL) {
-        return pal_fail(error, PALPATE_ERROR_IO, "%s: cannot be opened: %s", path,
-                        strerror(errno));
+        return pal_fail(error, PALPATE_ERROR_IO, "%s: cannot be opened: %s", path, strerror(errno));
     }
     size_t n = fread(head, 1, sizeof head, f);
     int failed = ferror(f);
@@ -31,13 +30,14 @@ static pal_status open_scene(const char *path, const common_options *options, in
     if (offline == NULL) {
         return PALPATE_ERROR_SYSTEM;
     }
-    pal_status status = offline->scene_load(path, options->overrides, options->override_count,
-                                            &out->scene, error);
+    pal_status status =
+        offline->scene_load(path, options->overrides, options->override_count, &out->scene, error);
     if (status != PALPATE_OK) {
         return status;
     }
     pal_progress progress = progress_line(options);
-    status = offline->precompute_cached(out->scene, &progress, &out->model, &out->was_cached, error);
+    status =
+        offline->precompute_cached(out->scene, &progress, &out->model, &out->was_cached, error);
     progress_end();
     if (status == PALPATE_ERROR_CERTIFICATE && allow_failing && out->model != NULL) {
         out->passed = 0;
@@ -50,8 +50,8 @@ static pal_status open_scene(const char *path, const common_options *options, in
     return status;
 }
 
-pal_status source_open(const char *path, const common_options *options, int allow_failing, source *out,
-                       pal_error *error) {
+pal_status source_open(const char *path, const common_options *options, int allow_failing,
+                       source *out, pal_error *error) {
     memset(out, 0, sizeof *out);
     out->passed = 1;
     int model = 0;
@@ -61,8 +61,8 @@ pal_status source_open(const char *path, const common_options *options, int allo
     } else if (status == PALPATE_OK) {
         if (options->override_count > 0) {
             status = pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                              "%s: --set %s: a model is fixed once built; give the scene instead", path,
-                              options->overrides[0]);
+                              "%s: --set %s: a model is fixed once built; give the scene instead",
+                              path, options->overrides[0]);
         } else {
             status = pal_model_load(path, &out->model, error);
         }

@@ -1,5 +1,5 @@
 /// @file recording.c  Append-only item files and the tick file's header (layout: recording.h).
-#include "haptic/recording.h"
+#include "haptic/recording/recording.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -7,7 +7,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 pal_status pal_recording_name(const char *path, const char *suffix,
                               char out[PALPATE_RECORDING_PATH], pal_error *error) {

@@ -12,8 +12,8 @@
 /// to a full disk leave no hole; their tick numbers are missing.
 ///
 /// Durability: the recorder thread hands items to the kernel every 10 ms (what a killed process can
-/// lose) and to the disk every second, at once when a fault begins (at most ten times a second) and at the
-/// end (what a power cut can lose).
+/// lose) and to the disk every second, at once when a fault begins (at most ten times a second) and
+/// at the end (what a power cut can lose).
 #ifndef PALPATE_HAPTIC_RECORDING_H
 #define PALPATE_HAPTIC_RECORDING_H
 
@@ -22,8 +22,8 @@
 
 #include <palpate/session.h>
 
-#include "haptic/h5.h"
-#include "haptic/hash.h"
+#include "haptic/model/h5.h"
+#include "haptic/base/hash.h"
 
 enum {
     PALPATE_RECORDING_VERSION = 3,

@@ -1,7 +1,7 @@
 /// @file recording_file.c  Raw recording -> HDF5 and XDMF.
 ///
-/// HDF5 behind Palpate's sealed header (file_header.h; all little endian, each dataset with unit and
-/// description):
+/// HDF5 behind Palpate's sealed header (file_header.h; all little endian, each dataset with unit
+/// and description):
 ///   /format /program /model_hash ...     what was run; /tool/K/... its tools
 ///   /ticks/NAME    one row per tick and tool, in the order recorded
 ///   /frames/NAME   one row per frame: tick, time, tools
@@ -20,11 +20,11 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
-#include "haptic/file_header.h"
-#include "haptic/h5.h"
-#include "haptic/recording_read.h"
-#include "haptic/xdmf.h"
+#include "haptic/base/error.h"
+#include "haptic/model/file_header.h"
+#include "haptic/model/h5.h"
+#include "haptic/recording/recording_read.h"
+#include "haptic/recording/xdmf.h"
 
 enum { CHUNK = 8192 };
 
@@ -143,10 +143,11 @@ static pal_status write_tools(conversion *c, pal_error *error) {
                                 t->spec.resolution};
         (void)snprintf(path, sizeof path, "/tool/%d/spec", (int)i);
         if (status == PALPATE_OK) {
-            status = pal_h5_write(c->file, path, PALPATE_H5_F64, 1, (const int64_t[]){7}, spec, "SI",
-                                  "what its device bears: force, torque, stiffness, damping, speed; "
-                                  "its damping and resolution",
-                                  error);
+            status =
+                pal_h5_write(c->file, path, PALPATE_H5_F64, 1, (const int64_t[]){7}, spec, "SI",
+                             "what its device bears: force, torque, stiffness, damping, speed; "
+                             "its damping and resolution",
+                             error);
         }
     }
     return status;
@@ -207,8 +208,9 @@ static pal_status write_facts(conversion *c, pal_error *error) {
     const pal_watchdog_def *w = &h->watchdog;
     const double watchdog[6] = {w->stale, w->stall, w->latch, w->speed, w->ramp_down, w->ramp_up};
     if (status == PALPATE_OK) {
-        status = pal_h5_write(c->file, "/watchdog", PALPATE_H5_F64, 1, (const int64_t[]){6}, watchdog,
-                              "s, m/s", "stale, stall, latch, speed, ramp down, ramp up", error);
+        status =
+            pal_h5_write(c->file, "/watchdog", PALPATE_H5_F64, 1, (const int64_t[]){6}, watchdog,
+                         "s, m/s", "stale, stall, latch, speed, ramp down, ramp up", error);
     }
     return status == PALPATE_OK ? write_tools(c, error) : status;
 }
@@ -446,11 +448,12 @@ static pal_status check_space(const conversion *c, const char *path, pal_error *
         return PALPATE_OK; // the writing itself will tell
     }
     double free_bytes = (double)disk.f_bavail * (double)disk.f_frsize;
-    return need <= free_bytes ? PALPATE_OK
-                              : pal_fail(error, PALPATE_ERROR_IO,
-                                         "%s: its %.1f MB do not fit into the %.1f MB that are free; free "
-                                         "space, then `palpate recover %s`",
-                                         path, 1e-6 * need, 1e-6 * free_bytes, path);
+    return need <= free_bytes
+               ? PALPATE_OK
+               : pal_fail(error, PALPATE_ERROR_IO,
+                          "%s: its %.1f MB do not fit into the %.1f MB that are free; free "
+                          "space, then `palpate recover %s`",
+                          path, 1e-6 * need, 1e-6 * free_bytes, path);
 }
 
 static pal_status convert(conversion *c, const char *path, pal_error *error) {

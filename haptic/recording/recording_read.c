@@ -1,6 +1,6 @@
 /// @file recording_read.c  Raw recordings are checked before they are believed (layout:
 /// recording.h).
-#include "haptic/recording_read.h"
+#include "haptic/recording/recording_read.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -10,7 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 /// Largest surface believed: 100 million numbers; a header that says more is damaged.
 enum { ROWS_MAX = 1 << 25 };

@@ -2,7 +2,7 @@
 #ifndef PALPATE_HAPTIC_RECORDING_READ_H
 #define PALPATE_HAPTIC_RECORDING_READ_H
 
-#include "haptic/recording.h"
+#include "haptic/recording/recording.h"
 
 /// A raw file open for reading. Items are taken in order; damaged ones are skipped and counted.
 typedef struct pal_raw_reader {

@@ -1,13 +1,13 @@
 /// @file replay.c  Feeding a recording to an engine and comparing what comes out (see replay.h).
-#include "haptic/replay_read.h"
+#include "haptic/recording/replay_read.h"
 
 #include <math.h>
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "haptic/realtime.h"
+#include "haptic/base/error.h"
+#include "haptic/base/realtime.h"
 
 enum { CHUNK = 4096 };
 

@@ -1,18 +1,18 @@
 /// @file replay_read.c  A finished recording (HDF5) back into an engine's definition and tick
 /// records.
 ///
-/// The file's seal is verified before HDF5 sees it, and nothing in it is trusted: types, ranks and dimensions are checked by h5.c, the definition
-/// by pal_engine_create, tool indices here. Rows are read in pieces, so a file's claim about its
-/// length allocates nothing.
-#include "haptic/replay_read.h"
+/// The file's seal is verified before HDF5 sees it, and nothing in it is trusted: types, ranks and
+/// dimensions are checked by h5.c, the definition by pal_engine_create, tool indices here. Rows are
+/// read in pieces, so a file's claim about its length allocates nothing.
+#include "haptic/recording/replay_read.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "haptic/file_header.h"
-#include "haptic/recording.h"
+#include "haptic/base/error.h"
+#include "haptic/model/file_header.h"
+#include "haptic/recording/recording.h"
 
 static pal_status read_number(pal_h5 *file, const char *path, double *value, pal_error *error) {
     return pal_h5_read(file, path, PALPATE_H5_F64, 0, NULL, value, error);
@@ -121,7 +121,8 @@ static pal_status read_facts(pal_recording *r, pal_error *error) {
     }
     double w[6] = {0.0}; // recordings from before there were thresholds were made with the defaults
     if (status == PALPATE_OK && pal_h5_has(r->file, "/watchdog")) {
-        status = pal_h5_read(r->file, "/watchdog", PALPATE_H5_F64, 1, (const int64_t[]){6}, w, error);
+        status =
+            pal_h5_read(r->file, "/watchdog", PALPATE_H5_F64, 1, (const int64_t[]){6}, w, error);
     }
     def->watchdog = (pal_watchdog_def){w[0], w[1], w[2], w[3], w[4], w[5]};
     info->freewheel = freewheel != 0;

@@ -2,8 +2,8 @@
 #ifndef PALPATE_HAPTIC_REPLAY_READ_H
 #define PALPATE_HAPTIC_REPLAY_READ_H
 
-#include "haptic/h5.h"
-#include "haptic/replay.h"
+#include "haptic/model/h5.h"
+#include "haptic/recording/replay.h"
 
 struct pal_recording {
     pal_h5 *file;

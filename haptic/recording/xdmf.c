@@ -1,5 +1,5 @@
 /// @file xdmf.c  Writing the XDMF companion (contents: xdmf.h).
-#include "haptic/xdmf.h"
+#include "haptic/recording/xdmf.h"
 
 #include <errno.h>
 #include <locale.h>
@@ -7,7 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 static int ends_with(const char *text, const char *end) {
     size_t n = strlen(text), m = strlen(end);

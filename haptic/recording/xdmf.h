@@ -11,7 +11,7 @@
 
 #include <palpate/status.h>
 
-#include "haptic/recording.h"
+#include "haptic/recording/recording.h"
 
 typedef struct pal_xdmf_series {
     const char *h5_path; ///< only its last component is written: both files move together

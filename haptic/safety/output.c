@@ -1,5 +1,5 @@
 /// @file output.c  Finite check, slew limit, force cap, torque cap (see output.h).
-#include "haptic/output.h"
+#include "haptic/safety/output.h"
 
 #include <math.h>
 

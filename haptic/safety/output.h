@@ -6,9 +6,9 @@
 ///   force cap      |force| <= limits.force, direction kept
 ///   torque cap     |torque| <= limits.torque, direction kept
 /// A limit is never absent by omission: pal_limits_resolve turns 0 into the device's maximum or a
-/// default, and only INFINITY, written on purpose, is none. When slew or cap shorten the force, torque
-/// is left to its own cap: it is about the tool's origin and not a function of the force alone. Thread:
-/// servo. No allocation, lock, log or system call.
+/// default, and only INFINITY, written on purpose, is none. When slew or cap shorten the force,
+/// torque is left to its own cap: it is about the tool's origin and not a function of the force
+/// alone. Thread: servo. No allocation, lock, log or system call.
 #ifndef PALPATE_HAPTIC_OUTPUT_H
 #define PALPATE_HAPTIC_OUTPUT_H
 
@@ -20,8 +20,8 @@ typedef struct pal_output {
     double force[3]; ///< last force given out [N]
 } pal_output;
 
-/// The lesser of two specs, number by number; 0 is unknown. Name, damping and resolution are `own`'s
-/// where it has them.
+/// The lesser of two specs, number by number; 0 is unknown. Name, damping and resolution are
+/// `own`'s where it has them.
 pal_device_spec pal_spec_merge(const pal_device_spec *scene, const pal_device_spec *own);
 
 /// Limits in effect: 0 becomes the spec's maximum or the default, nothing exceeds the spec.

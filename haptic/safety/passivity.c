@@ -1,5 +1,5 @@
 /// @file passivity.c  Passivity observer (formulas: passivity.h).
-#include "haptic/passivity.h"
+#include "haptic/safety/passivity.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,14 +1,14 @@
 /// @file passivity.h  Passivity observer of one tool: the work at the port of its device (private).
 ///
-/// The force of a tick is held until the next (zero-order hold), so the work that the engine does on
-/// the device in between is exactly
+/// The force of a tick is held until the next (zero-order hold), so the work that the engine does
+/// on the device in between is exactly
 ///     W_n = F_n . (x_(n+1) - x_n)
-/// with the positions read at the ticks, however the device moved between them (Stramigioli, Secchi,
-/// van der Schaft and Fantuzzi, IEEE Trans. Robotics 21(4), 2005; the observer: Hannaford and Ryu,
-/// IEEE Trans. Robotics and Automation 18(1), 2002). From rest without contact a passive engine has
-/// sum W <= 0 at all times; what a period of sampling adds is K |x_(n+1) - x_n|^2 / 2 per tick of a
-/// spring K, the term K T / 2 of Colgate and Schenkel (J. Robotic Systems 14(1), 1997).
-/// Plain data, no allocation, lock or log. Thread: the servo's.
+/// with the positions read at the ticks, however the device moved between them (Stramigioli,
+/// Secchi, van der Schaft and Fantuzzi, IEEE Trans. Robotics 21(4), 2005; the observer: Hannaford
+/// and Ryu, IEEE Trans. Robotics and Automation 18(1), 2002). From rest without contact a passive
+/// engine has sum W <= 0 at all times; what a period of sampling adds is K |x_(n+1) - x_n|^2 / 2
+/// per tick of a spring K, the term K T / 2 of Colgate and Schenkel (J. Robotic Systems 14(1),
+/// 1997). Plain data, no allocation, lock or log. Thread: the servo's.
 #ifndef PALPATE_HAPTIC_PASSIVITY_H
 #define PALPATE_HAPTIC_PASSIVITY_H
 

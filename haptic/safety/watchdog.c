@@ -1,10 +1,10 @@
 /// @file watchdog.c  Stale, stalled, jumping: ramp and latch (rules: watchdog.h).
-#include "haptic/watchdog.h"
+#include "haptic/safety/watchdog.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 enum { BIT_STALE = 8, BIT_JUMP = 9, BIT_STALL = 10, BIT_LATCHED = 11, BIT_RAMP = 12 };
 _Static_assert(PALPATE_FAULT_STALE == 1u << BIT_STALE && PALPATE_FAULT_JUMP == 1u << BIT_JUMP &&

@@ -1,19 +1,21 @@
 /// @file watchdog.h  The latching watchdog in front of the output stage (private, pure logic).
 ///
 /// Judges the input of each tick and scales the force accordingly; all it knows is in the tool
-/// state, so a replay gives the same bits. Thresholds are pal_watchdog_def's; defaults in parentheses.
+/// state, so a replay gives the same bits. Thresholds are pal_watchdog_def's; defaults in
+/// parentheses.
 ///   stale   the device refuses, gives nonsense, or its time stamp (where it has one) stands still
-///           or runs backwards, for `stale` (20 ms): the force goes to zero within `ramp_down` (10 ms)
-///           while it lasts
+///           or runs backwards, for `stale` (20 ms): the force goes to zero within `ramp_down` (10
+///           ms) while it lasts
 ///   stall   `stall` (100 ms) of periods passed without a tick: the force starts from zero
 ///   jump    the pose moved faster than `speed` (20 m/s) since the last good one: the force starts
 ///           from zero
 ///   force   the physics gave no number (the output stage made it zero): the force starts from zero
-/// Then the force comes back over `ramp_up` (100 ms; PALPATE_FAULT_RAMP). A stale pose or a stall of
-/// `latch` (1 s), or a jump or a force that is no number while the force is still coming back from an
-/// earlier event, latches: the force stays zero, PALPATE_FAULT_LATCHED is raised each tick, until
-/// PALPATE_STATE_UNLATCH (pal_session_unlatch) or pal_engine_reset. Slew limit and caps come after.
-/// 20 m/s is twice what a hand reaches in a throw; 20 ms lets a 100 Hz tracker feed a 1 kHz servo.
+/// Then the force comes back over `ramp_up` (100 ms; PALPATE_FAULT_RAMP). A stale pose or a stall
+/// of `latch` (1 s), or a jump or a force that is no number while the force is still coming back
+/// from an earlier event, latches: the force stays zero, PALPATE_FAULT_LATCHED is raised each tick,
+/// until PALPATE_STATE_UNLATCH (pal_session_unlatch) or pal_engine_reset. Slew limit and caps come
+/// after. 20 m/s is twice what a hand reaches in a throw; 20 ms lets a 100 Hz tracker feed a 1 kHz
+/// servo.
 #ifndef PALPATE_HAPTIC_WATCHDOG_H
 #define PALPATE_HAPTIC_WATCHDOG_H
 
@@ -44,7 +46,8 @@ void pal_watchdog_init(pal_watchdog *w, const pal_watchdog_def *def, double peri
 uint32_t pal_watchdog_step(pal_watchdog *w, const pal_tool_state *in, const double position[3],
                            double value[32]);
 
-/// The physics gave no number in this tick: from zero, and latched when it was not over a fault yet.
+/// The physics gave no number in this tick: from zero, and latched when it was not over a fault
+/// yet.
 void pal_watchdog_trip(pal_watchdog *w);
 
 #endif

@@ -1,5 +1,5 @@
 /// @file doctor.c  Real-time readiness of the machine: what was found, and the remedy.
-#include "haptic/doctor.h"
+#include "haptic/session/doctor.h"
 
 #include <errno.h>
 #include <pthread.h>

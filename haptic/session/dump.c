@@ -1,13 +1,13 @@
 /// @file dump.c  Writing the record ring (rules: dump.h).
-#include "haptic/dump.h"
+#include "haptic/session/dump.h"
 
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
-#include "haptic/realtime.h"
+#include "haptic/base/error.h"
+#include "haptic/base/realtime.h"
 
 enum { POLL_NS = 5000000 };
 
@@ -19,7 +19,8 @@ pal_status pal_dump_ring(const pal_ring *ring, const pal_ticks_header *header, c
         return status;
     }
     int32_t count = pal_ring_copy(ring, record, (int32_t)ring->capacity);
-    while (count > 0 && record[0].tool != 0) { // whole ticks only: a replay needs every tool's record
+    while (count > 0 &&
+           record[0].tool != 0) { // whole ticks only: a replay needs every tool's record
         record++;
         count--;
     }
@@ -33,8 +34,9 @@ pal_status pal_dump_ring(const pal_ring *ring, const pal_ticks_header *header, c
         return status;
     }
     for (int32_t i = 0; i < count; i++) {
-        const pal_tick_item item = {
-            .record = record[i], .check = pal_item_check(&record[i], sizeof record[i], (uint64_t)i)};
+        const pal_tick_item item = {.record = record[i],
+                                    .check =
+                                        pal_item_check(&record[i], sizeof record[i], (uint64_t)i)};
         pal_item_append(&file, &item, sizeof item, 1);
     }
     int why = pal_ticks_finish(&file, &own);
@@ -63,8 +65,9 @@ pal_status pal_dumper_init(pal_dumper *d, const char *path, pal_error *error) {
     char longest[PALPATE_RECORDING_PATH], name[PALPATE_RECORDING_PATH];
     if (path[0] == 0 || !pal_dump_name(path, PALPATE_DUMP_NAMES, longest) ||
         pal_recording_name(longest, ".frames", name, NULL) != PALPATE_OK) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "session definition: dump_path '%.64s' is %s",
-                        path, path[0] == 0 ? "empty" : "too long");
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "session definition: dump_path '%.64s' is %s", path,
+                        path[0] == 0 ? "empty" : "too long");
     }
     (void)snprintf(d->path, sizeof d->path, "%s", path);
     d->record = malloc(d->ring->capacity * sizeof *d->record);
@@ -79,7 +82,8 @@ void pal_dumper_clear(pal_dumper *d) {
     d->record = NULL;
 }
 
-/// The next name that neither a finished nor a raw recording has. @return its number, 0: none is free
+/// The next name that neither a finished nor a raw recording has. @return its number, 0: none is
+/// free
 static int32_t free_name(const pal_dumper *d, char path[PALPATE_RECORDING_PATH]) {
     int32_t made = atomic_load_explicit(&d->count, memory_order_relaxed);
     for (int32_t n = made > 0 ? d->number[made - 1] + 1 : 1; n <= PALPATE_DUMP_NAMES; n++) {
@@ -134,8 +138,7 @@ pal_status pal_dumper_convert(pal_dumper *d, pal_error *error) {
     for (int32_t i = 0; i < count; i++) {
         char path[PALPATE_RECORDING_PATH];
         (void)pal_dump_name(d->path, d->number[i], path);
-        pal_status status =
-            pal_recording_convert(path, NULL, first == PALPATE_OK ? error : NULL);
+        pal_status status = pal_recording_convert(path, NULL, first == PALPATE_OK ? error : NULL);
         first = first == PALPATE_OK ? status : first;
     }
     return first;

@@ -1,19 +1,20 @@
 /// @file dump.h  The record ring on disk: on a fault and on demand (private).
 ///
-/// The servo marks the onset of a fault (a bit of `mask` that the tick before did not have) and says
-/// when the ring is to be written: `after` ticks later, so that the dump shows what led to the fault and
-/// what followed. Onsets meanwhile belong to the same dump. A thread of its own writes the raw file and
-/// hands it to the disk; the servo never waits for it, but in freewheel, where nobody waits for the
-/// servo and the ring would be overwritten, it does. When the session is finished the raw files become
-/// recordings like any other (recording_file.c): `palpate replay`, h5dump. After a kill `palpate
-/// recover` makes them. A dump never overwrites a file: the second of PATH.h5 is PATH-2.h5.
+/// The servo marks the onset of a fault (a bit of `mask` that the tick before did not have) and
+/// says when the ring is to be written: `after` ticks later, so that the dump shows what led to the
+/// fault and what followed. Onsets meanwhile belong to the same dump. A thread of its own writes
+/// the raw file and hands it to the disk; the servo never waits for it, but in freewheel, where
+/// nobody waits for the servo and the ring would be overwritten, it does. When the session is
+/// finished the raw files become recordings like any other (recording_file.c): `palpate replay`,
+/// h5dump. After a kill `palpate recover` makes them. A dump never overwrites a file: the second of
+/// PATH.h5 is PATH-2.h5.
 #ifndef PALPATE_HAPTIC_DUMP_H
 #define PALPATE_HAPTIC_DUMP_H
 
 #include <stdatomic.h>
 
-#include "haptic/recording.h"
-#include "haptic/servo.h"
+#include "haptic/recording/recording.h"
+#include "haptic/session/servo.h"
 
 enum {
     PALPATE_DUMPS_MAX = 16, ///< per session; later ones are counted only
@@ -30,7 +31,7 @@ typedef struct pal_dumper {
     _Atomic int32_t count;             ///< dumps written
     _Atomic int32_t skipped;           ///< not written: too many, or the disk refused
     _Atomic int32_t first_errno;
-    _Atomic int32_t requested;         ///< on demand
+    _Atomic int32_t requested; ///< on demand
 } pal_dumper;
 
 /// Write the newest records of a ring as a raw recording `path`.ticks (must not exist) and sync it.

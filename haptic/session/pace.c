@@ -1,5 +1,5 @@
 /// @file pace.c  When the displacement field may run under overload (rules: pace.h).
-#include "haptic/pace.h"
+#include "haptic/session/pace.h"
 
 enum { FADE = 64 };
 

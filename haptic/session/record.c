@@ -1,5 +1,5 @@
 /// @file record.c  The recorder thread (duties: record.h; layout and durability: recording.h).
-#include "haptic/record.h"
+#include "haptic/session/record.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -9,11 +9,18 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
-#include "haptic/model.h"
-#include "haptic/render_thread.h"
+#include "haptic/base/error.h"
+#include "haptic/model/model.h"
+#include "haptic/session/render_thread.h"
 
-enum { BATCH = 256, WHEN = 16384, DRAIN_NS = 10000000, SYNC_NS = 1000000000, FAULT_SYNC_NS = 100000000, IDLE_NS = 50000 };
+enum {
+    BATCH = 256,
+    WHEN = 16384,
+    DRAIN_NS = 10000000,
+    SYNC_NS = 1000000000,
+    FAULT_SYNC_NS = 100000000,
+    IDLE_NS = 50000
+};
 
 /// Stored rows that lie on the surface: surface nodes come first and rows ascend, so a prefix.
 static int32_t surface_rows(const pal_model *model) {

@@ -9,8 +9,8 @@
 #include <stdatomic.h>
 #include <stdint.h>
 
-#include "haptic/recording.h"
-#include "haptic/servo.h"
+#include "haptic/recording/recording.h"
+#include "haptic/session/servo.h"
 
 typedef struct pal_recorder {
     pal_servo *servo;
@@ -27,8 +27,8 @@ typedef struct pal_recorder {
     struct {
         uint64_t tick;
         int64_t time_ns;
-    } * when;           ///< session time of recent ticks, by tick mod size
-    uint64_t last_tick; ///< newest tick drained
+    } * when;                               ///< session time of recent ticks, by tick mod size
+    uint64_t last_tick;                     ///< newest tick drained
     uint32_t last_fault[PALPATE_TOOLS_MAX]; ///< of each tool's newest record
     int32_t sync_now;                       ///< a fault has begun: to the disk with it
     _Atomic uint64_t records, records_lost, frames_done, frames_lost;

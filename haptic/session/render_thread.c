@@ -1,7 +1,7 @@
 /// @file render_thread.c  The render thread's loop (rules: render_thread.h).
-#include "haptic/render_thread.h"
+#include "haptic/session/render_thread.h"
 
-#include "haptic/realtime.h"
+#include "haptic/base/realtime.h"
 
 /// Longest sleep in one piece: how late the end of the servo may be noticed.
 enum { PIECE_NS = 20000000 };

@@ -10,7 +10,7 @@
 #include <stdatomic.h>
 #include <stdint.h>
 
-#include "haptic/servo.h"
+#include "haptic/session/servo.h"
 
 typedef struct pal_render {
     pal_servo *servo;

@@ -1,5 +1,5 @@
 /// @file ring.c  History ring and queue of tick records (protocols: ring.h).
-#include "haptic/ring.h"
+#include "haptic/session/ring.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,5 +1,5 @@
 /// @file servo.c  The servo loop (timing rules: servo.h).
-#include "haptic/servo.h"
+#include "haptic/session/servo.h"
 
 #include <math.h>
 #include <pthread.h>
@@ -7,7 +7,7 @@
 #include <sys/resource.h>
 #include <time.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 enum { YIELD_NS = 50000 };
 
@@ -256,7 +256,8 @@ static void tick(pal_servo *servo, uint64_t period, uint64_t missed, int64_t wak
     }
     if ((now & ~servo->last_fault & servo->dump_mask) != 0 &&
         atomic_load_explicit(&servo->dump_due, memory_order_acquire) == 0) {
-        atomic_store_explicit(&servo->dump_due, number + 1 + servo->dump_after, memory_order_release);
+        atomic_store_explicit(&servo->dump_due, number + 1 + servo->dump_after,
+                              memory_order_release);
     }
     servo->last_fault = now;
     atomic_store_explicit(&servo->fault, seen | now, memory_order_relaxed);

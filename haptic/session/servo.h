@@ -22,12 +22,12 @@
 
 #include <palpate/session.h>
 
-#include "haptic/pace.h"
-#include "haptic/passivity.h"
-#include "haptic/pose.h"
-#include "haptic/quantiles.h"
-#include "haptic/realtime.h"
-#include "haptic/ring.h"
+#include "haptic/session/pace.h"
+#include "haptic/safety/passivity.h"
+#include "haptic/base/pose.h"
+#include "haptic/base/quantiles.h"
+#include "haptic/base/realtime.h"
+#include "haptic/session/ring.h"
 
 /// Times collected per tick.
 typedef struct pal_servo_times {
@@ -62,8 +62,9 @@ typedef struct pal_servo {
     uint64_t dump_after; ///< so many ticks later
 
     // orders and state
-    _Atomic int32_t stop;    ///< ask to stop
-    _Atomic uint64_t dump_due; ///< ticks at which the ring is to be dumped; 0: not. Cleared by the dumper
+    _Atomic int32_t stop; ///< ask to stop
+    _Atomic uint64_t
+        dump_due; ///< ticks at which the ring is to be dumped; 0: not. Cleared by the dumper
     _Atomic int32_t unlatch; ///< ask to let latched watchdogs go
     _Atomic int32_t running; ///< 1 from the start of the loop to its end
 

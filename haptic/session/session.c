@@ -14,12 +14,12 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "haptic/dump.h"
-#include "haptic/error.h"
-#include "haptic/output.h"
-#include "haptic/record.h"
-#include "haptic/render_thread.h"
-#include "haptic/servo.h"
+#include "haptic/session/dump.h"
+#include "haptic/base/error.h"
+#include "haptic/safety/output.h"
+#include "haptic/session/record.h"
+#include "haptic/session/render_thread.h"
+#include "haptic/session/servo.h"
 
 enum { SESSION_COOKIE = 0x5e551081, STACK_BYTES = 1 << 20, QUEUE_SECONDS = 8, LEAST_READERS = 2 };
 
@@ -178,7 +178,8 @@ static pal_status build(pal_session *s, const pal_model *model, const pal_sessio
     s->render.user = def->render_user;
     s->want_dump = def->dump_path != NULL;
     if (s->want_dump) {
-        uint64_t second = (uint64_t)(1.0 / def->engine.period), quarter = (uint64_t)def->ring_ticks / 4;
+        uint64_t second = (uint64_t)(1.0 / def->engine.period),
+                 quarter = (uint64_t)def->ring_ticks / 4;
         quarter /= (uint64_t)s->tool_count; // the ring holds a record per tool and tick
         s->dumper = (pal_dumper){.servo = servo, .ring = &s->ring, .header = &s->header};
         servo->dump_mask = def->dump_faults;
@@ -431,8 +432,9 @@ pal_status pal_session_finish(pal_session *s, pal_error *error) {
         pal_recorder_close(&s->recorder, 0);
         status = pal_recording_convert(s->recorder.path, NULL, error);
     }
-    pal_status dumped =
-        s->want_dump ? pal_dumper_convert(&s->dumper, status == PALPATE_OK ? error : NULL) : PALPATE_OK;
+    pal_status dumped = s->want_dump
+                            ? pal_dumper_convert(&s->dumper, status == PALPATE_OK ? error : NULL)
+                            : PALPATE_OK;
     return status != PALPATE_OK ? status : dumped;
 }
 

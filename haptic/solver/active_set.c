@@ -1,11 +1,11 @@
 /// @file active_set.c  Eq. 52 on an ordered list of touched nodes, with a factor kept between
 /// ticks.
-#include "haptic/active_set.h"
+#include "haptic/solver/active_set.h"
 
 #include <string.h>
 
-#include "haptic/block.h"
-#include "haptic/dense.h"
+#include "haptic/base/block.h"
+#include "haptic/base/dense.h"
 
 enum { SLOTS_MAX = 512 };
 

@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "haptic/model.h"
+#include "haptic/model/model.h"
 
 typedef struct pal_active_set {
     const double *c;  ///< C_TT, column-major

@@ -1,36 +1,37 @@
 /// @file complementarity.c  Block principal pivoting; where it cycles, Lemke's method.
 ///
 /// 1. Block pivots. A set A of unknowns is taken as active: z_A = -M_AA^-1 q_A, z = 0 elsewhere,
-///    w = q + M z. The set is right when no z_i of A and no w_i outside is negative; otherwise all the
-///    wrong unknowns I are exchanged at once (Kostreva 1978; Judice and Pires 1994). Reaches the right
-///    set in a handful of steps from far away, in one from last tick's set, but may cycle: it is
-///    given BLOCK_TRIES steps in which |I| does not fall below its least value so far.
+///    w = q + M z. The set is right when no z_i of A and no w_i outside is negative; otherwise all
+///    the wrong unknowns I are exchanged at once (Kostreva 1978; Judice and Pires 1994). Reaches
+///    the right set in a handful of steps from far away, in one from last tick's set, but may
+///    cycle: it is given BLOCK_TRIES steps in which |I| does not fall below its least value so far.
 /// 2. Lemke's complementary pivots on w = q + M z + e z0, the tool lifted by z0: z0 falls from the
 ///    height at which nothing is touched to 0, and every basis on the way is the contact at that
-///    height (so an early stop is the answer to a shallower press). Ends at the solution whenever the
-///    symmetric part of M is positive definite (Lemke 1965; Cottle, Pang, Stone 1992, section 4.4). A
-///    step is O(n^2) on a tableau scaled to a unit diagonal; its set is then solved and checked as in 1,
-///    so the tableau's rounding does not enter the answer.
-/// 3. Should the check fail (rounding), Murty's pivots from there: exchange the last of I only, which
+///    height (so an early stop is the answer to a shallower press). Ends at the solution whenever
+///    the symmetric part of M is positive definite (Lemke 1965; Cottle, Pang, Stone 1992,
+///    section 4.4). A step is O(n^2) on a tableau scaled to a unit diagonal; its set is then solved
+///    and checked as in 1, so the tableau's rounding does not enter the answer.
+/// 3. Should the check fail (rounding), Murty's pivots from there: exchange the last of I only,
+/// which
 ///    visits no set twice on a P-matrix (Murty 1974), until the iterations are used up.
 /// Projected Gauss-Seidel is not used: it diverges on skew M. Murty's pivots alone are not either:
 /// they took over 200 steps on 2 of 10 000 random problems of 40 unknowns.
 ///
-/// Rounding: w_i is a sum of terms of magnitude b_i = |q_i| + sum |M_ij z_j|, known to a few n eps b_i.
-/// Anything smaller counts as zero; a z_i counts as zero when M_ii z_i is that small. Without this,
-/// degenerate problems (z_i = w_i = 0) would exchange the unknown for ever.
+/// Rounding: w_i is a sum of terms of magnitude b_i = |q_i| + sum |M_ij z_j|, known to a few n eps
+/// b_i. Anything smaller counts as zero; a z_i counts as zero when M_ii z_i is that small. Without
+/// this, degenerate problems (z_i = w_i = 0) would exchange the unknown for ever.
 ///
 /// The best iterate so far, clamped to z >= 0, is kept: its residual is that of the header.
 ///
-/// Layout of the workspace: factor or tableau (n x (n+1)), then z_A, trial z, w, bound or the tableau's
-/// right-hand side, best z, best w, scale (n each), index (n) and pivot (n+1) integers.
-#include "haptic/complementarity.h"
+/// Layout of the workspace: factor or tableau (n x (n+1)), then z_A, trial z, w, bound or the
+/// tableau's right-hand side, best z, best w, scale (n each), index (n) and pivot (n+1) integers.
+#include "haptic/solver/complementarity.h"
 
 #include <float.h>
 #include <math.h>
 #include <string.h>
 
-#include "haptic/dense.h"
+#include "haptic/base/dense.h"
 
 enum { BLOCK_TRIES = 10 };
 
@@ -133,13 +134,15 @@ static int solve_active(const pal_lcp *p, int32_t count, const lcp_work *s) {
 
 /// Mark in `wrong` the unknowns of I (1); s->trial, s->w and s->bound are those of the set.
 /// @param[out] last  the last of I
-static int32_t find_wrong(const pal_lcp *p, const uint8_t *active, const lcp_work *s, int32_t *last) {
+static int32_t find_wrong(const pal_lcp *p, const uint8_t *active, const lcp_work *s,
+                          int32_t *last) {
     int32_t wrong = 0;
     double rounding = (p->n + 8) * DBL_EPSILON;
     for (int32_t i = 0; i < p->n; i++) {
         double diagonal = p->m[(size_t)i * (size_t)p->ld + (size_t)i];
         double value = active[i] ? diagonal * s->trial[i] : s->w[i];
-        s->pivot[i] = value < -rounding * s->bound[i]; // the factor's pivots are not needed any more
+        s->pivot[i] =
+            value < -rounding * s->bound[i]; // the factor's pivots are not needed any more
         if (s->pivot[i]) {
             wrong++;
             *last = i;
@@ -216,7 +219,8 @@ static int32_t dictionary_leaving(int32_t n, int32_t column, const lcp_work *s) 
         if (t[i] < -smallest) {
             double ratio = (s->bound[i] > 0 ? s->bound[i] : 0) / -t[i];
             int tie = row >= 0 && ratio <= least && ratio >= least;
-            if (ratio < least || (tie && s->index[row] != 2 * n && (s->index[i] == 2 * n || t[i] < t[row]))) {
+            if (ratio < least ||
+                (tie && s->index[row] != 2 * n && (s->index[i] == 2 * n || t[i] < t[row]))) {
                 least = ratio;
                 row = i;
             }
@@ -225,7 +229,8 @@ static int32_t dictionary_leaving(int32_t n, int32_t column, const lcp_work *s) 
     return row;
 }
 
-/// Lemke's pivots until z0 leaves. On return `active` is the set of the last basis and s->trial its z.
+/// Lemke's pivots until z0 leaves. On return `active` is the set of the last basis and s->trial its
+/// z.
 static void lemke(const pal_lcp *p, int32_t max_iterations, uint8_t *active, const lcp_work *s,
                   int32_t *iterations) {
     int32_t n = p->n, row = 0, column = n;
@@ -259,7 +264,8 @@ static void lemke(const pal_lcp *p, int32_t max_iterations, uint8_t *active, con
 }
 
 /// Solve the set and judge it. @return the number of wrong unknowns; -1: a singular block
-static int32_t try_set(const pal_lcp *p, const uint8_t *active, const lcp_work *s, double *best, int32_t *last) {
+static int32_t try_set(const pal_lcp *p, const uint8_t *active, const lcp_work *s, double *best,
+                       int32_t *last) {
     int32_t count = 0;
     for (int32_t i = 0; i < p->n; i++) {
         s->trial[i] = 0;
@@ -279,8 +285,8 @@ static int32_t try_set(const pal_lcp *p, const uint8_t *active, const lcp_work *
     return wrong;
 }
 
-pal_lcp_result pal_lcp_solve(const pal_lcp *problem, int32_t max_iterations, uint8_t *active, double *z,
-                             double *w, void *work) {
+pal_lcp_result pal_lcp_solve(const pal_lcp *problem, int32_t max_iterations, uint8_t *active,
+                             double *z, double *w, void *work) {
     const pal_lcp *p = problem;
     pal_lcp_result result = {PALPATE_LCP_SOLVED, 0, 0};
     if (p->n < 1) {

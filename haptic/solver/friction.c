@@ -1,20 +1,24 @@
-/// @file friction.c  Coulomb friction by a semismooth Newton method; proximal points where it cycles.
+/// @file friction.c  Coulomb friction by a semismooth Newton method; proximal points where it
+/// cycles.
 ///
-/// 1. Newton. With d_n, d_t the point's own compliances, z = f_n - c_n w_n / d_n and y = f_t - c_t w_t /
+/// 1. Newton. With d_n, d_t the point's own compliances, z = f_n - c_n w_n / d_n and y = f_t - c_t
+/// w_t /
 ///    d_t, the conditions are f_n = max(0, z), f_t = P(y), P: onto the disc of radius mu max(0, z)
-///    (Alart, Curnier 1991). Where z <= 0 the point is open: f = 0. Where |y| <= mu z it sticks: w = 0.
-///    Else it slips: with d = y / |y| and e across it, linearised,
-///        w_n = 0,  f_t = mu f_n d + f_e e,  w_e + g f_e = 0,  g = (1 - b) d_t / (b c_t),  b = mu z / |y|,
-///    so that a slipping point adds two unknowns (f_n, f_e), a sticking one three and a frictionless
-///    one one. The system B' M A + g, columns A = n + mu d, e and rows B = n, e, is small, positive on
-///    the diagonal, and symmetric unless a point slips. Steps are halved until the largest of the
-///    last MEMORY residuals is improved (Grippo, Lampariello, Lucidi 1986), quadratic at the end; from
-///    the last tick's forces and states one to three steps.
+///    (Alart, Curnier 1991). Where z <= 0 the point is open: f = 0. Where |y| <= mu z it sticks: w
+///    = 0. Else it slips: with d = y / |y| and e across it, linearised,
+///        w_n = 0,  f_t = mu f_n d + f_e e,  w_e + g f_e = 0,  g = (1 - b) d_t / (b c_t),  b = mu z
+///        / |y|,
+///    so that a slipping point adds two unknowns (f_n, f_e), a sticking one three and a
+///    frictionless one one. The system B' M A + g, columns A = n + mu d, e and rows B = n, e, is
+///    small, positive on the diagonal, and symmetric unless a point slips. Steps are halved until
+///    the largest of the last MEMORY residuals is improved (Grippo, Lampariello, Lucidi 1986),
+///    quadratic at the end; from the last tick's forces and states one to three steps.
 /// 2. Newton again with a smaller c_t, from f = 0: it takes other points for slipping.
-/// 3. Proximal points (Rockafellar 1976): f_k+1 solves the same problem with M + a I and q - a f_k, which
-///    is close to diagonal for large a, where Newton does not fail; a falls by SHRINK when it did not,
-///    and grows when it did. For an associated law this converges for every a; the circular cone's is
-///    not associated, and a few problems with strong coupling and large mu are left to
+/// 3. Proximal points (Rockafellar 1976): f_k+1 solves the same problem with M + a I and q - a f_k,
+/// which
+///    is close to diagonal for large a, where Newton does not fail; a falls by SHRINK when it did
+///    not, and grows when it did. For an associated law this converges for every a; the circular
+///    cone's is not associated, and a few problems with strong coupling and large mu are left to
 /// 4. continuation in mu, from the frictionless solution.
 /// On 1500 problems of condition 1e6 and mu to 1.5, the hardest class, 1 leaves 10 %, 2 cures
 /// 60 % of these and 3 all but a few.
@@ -23,13 +27,13 @@
 ///
 /// Layout of the workspace: system (3m x 3m), vectors of 3m, the workspace of pal_lcp_solve for the
 /// frictionless case, points of m, pivots.
-#include "haptic/friction.h"
+#include "haptic/solver/friction.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "haptic/complementarity.h"
-#include "haptic/dense.h"
+#include "haptic/solver/complementarity.h"
+#include "haptic/base/dense.h"
 
 /// Not hypot(): libm's last bit depends on its version; forces do not overflow.
 static double length2(double a, double b) {
@@ -42,28 +46,28 @@ static const double SHRINK = 0.6;       // of a from one proximal point to the n
 static const double FIRST_SHIFT = 1e-2; // a of the first, over the mean of M's diagonal
 
 typedef struct point {
-    double dn, dt;  ///< own compliance
-    double d[2];    ///< slip: direction of f_t
-    double mu;      ///< as scaled; < 0: held
-    int32_t row;    ///< first row
-    int32_t rows;   ///< 1 or 3
-    double spring;  ///< g
-    int32_t at;     ///< first unknown
-    uint8_t kind;   ///< pal_friction_point
+    double dn, dt; ///< own compliance
+    double d[2];   ///< slip: direction of f_t
+    double mu;     ///< as scaled; < 0: held
+    int32_t row;   ///< first row
+    int32_t rows;  ///< 1 or 3
+    double spring; ///< g
+    int32_t at;    ///< first unknown
+    uint8_t kind;  ///< pal_friction_point
 } point;
 
 typedef struct friction_work {
     const pal_friction *p;
-    const double *q;  ///< of the problem that Newton solves: p->q, or shifted
-    double shift;     ///< a
-    double cn, ct;    ///< of z and y
-    double norm;      ///< || q || of the header
-    double best;      ///< residual of best_f
+    const double *q; ///< of the problem that Newton solves: p->q, or shifted
+    double shift;    ///< a
+    double cn, ct;   ///< of z and y
+    double norm;     ///< || q || of the header
+    double best;     ///< residual of best_f
     double *system, *x, *f, *w, *step, *wstep, *trial, *wtrial, *best_f, *centre, *moved;
     point *point;
     int32_t *pivot;
     void *lcp;
-    int32_t left;     ///< iterations
+    int32_t left; ///< iterations
     int singular;
 } friction_work;
 
@@ -84,7 +88,7 @@ static void place(friction_work *s, int32_t points, void *memory) {
     double *at = memory;
     s->system = at;
     at += n * n;
-    double **vector[WORK_VECTORS] = {&s->x,      &s->f,      &s->w,      &s->step,  &s->wstep,
+    double **vector[WORK_VECTORS] = {&s->x,     &s->f,      &s->w,      &s->step,   &s->wstep,
                                      &s->trial, &s->wtrial, &s->best_f, &s->centre, &s->moved};
     for (int i = 0; i < WORK_VECTORS; i++, at += n) {
         *vector[i] = at;
@@ -132,8 +136,8 @@ static void disc(double r, double v[2]) {
     }
 }
 
-/// || F(f) || / || q || of the map that Newton solves; with c = 1 and f in its cones it is zero with
-/// the header's.
+/// || F(f) || / || q || of the map that Newton solves; with c = 1 and f in its cones it is zero
+/// with the header's.
 static double merit(const friction_work *s, const double *force, const double *gaps) {
     double sum = 0;
     for (int32_t i = 0; i < s->p->points; i++) {
@@ -374,7 +378,8 @@ static int newton(friction_work *s, int32_t steps, const uint8_t *hint) {
         if (newton_point(s, it == 0 ? hint : NULL) != 0) {
             return 0;
         }
-        double most = it > 0 || hint == NULL ? 0 : HUGE_VAL; // the states hinted at are trusted once
+        double most =
+            it > 0 || hint == NULL ? 0 : HUGE_VAL; // the states hinted at are trusted once
         last[it % MEMORY] = now;
         for (int32_t i = 0; i < MEMORY && i <= it && most < HUGE_VAL; i++) {
             most = last[i] > most ? last[i] : most;
@@ -452,9 +457,9 @@ static void finish(friction_work *s, uint8_t *state, double *f, double *w) {
         const point *c = &s->point[i];
         const double *a = s->best_f + c->row;
         int sticks = c->mu < 0 || (c->mu > 0 && length2(a[1], a[2]) < c->mu * a[0] * (1 - 1e-9));
-        state[i] = sticks       ? PALPATE_POINT_STICK
+        state[i] = sticks     ? PALPATE_POINT_STICK
                    : a[0] > 0 ? PALPATE_POINT_SLIP
-                                : PALPATE_POINT_OPEN;
+                              : PALPATE_POINT_OPEN;
     }
     memcpy(f, s->best_f, (size_t)s->p->rows * sizeof *f);
     gap(s->p, 0, s->p->q, f, w);
@@ -463,8 +468,7 @@ static void finish(friction_work *s, uint8_t *state, double *f, double *w) {
 static pal_friction_result solve_frictionless(const friction_work *s, int32_t max_iterations,
                                               uint8_t *state, double *f, double *w) {
     const pal_friction *p = s->p;
-    pal_lcp lcp = {
-        .n = p->points, .m = p->m, .ld = p->ld, .symmetric = p->symmetric, .q = p->q};
+    pal_lcp lcp = {.n = p->points, .m = p->m, .ld = p->ld, .symmetric = p->symmetric, .q = p->q};
     pal_lcp_result r = pal_lcp_solve(&lcp, max_iterations, state, f, w, s->lcp);
     for (int32_t i = 0; i < p->points; i++) {
         state[i] = f[i] > 0 ? PALPATE_POINT_SLIP : PALPATE_POINT_OPEN;
@@ -472,8 +476,8 @@ static pal_friction_result solve_frictionless(const friction_work *s, int32_t ma
     return (pal_friction_result){(pal_friction_state)r.state, r.iterations, r.residual};
 }
 
-pal_friction_result pal_friction_solve(const pal_friction *problem, int32_t max_iterations, uint8_t *state,
-                                       double *f, double *w, void *work) {
+pal_friction_result pal_friction_solve(const pal_friction *problem, int32_t max_iterations,
+                                       uint8_t *state, double *f, double *w, void *work) {
     const pal_friction *p = problem;
     pal_friction_result result = {PALPATE_FRICTION_SOLVED, 0, 0};
     if (p->points < 1) {

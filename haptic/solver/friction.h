@@ -1,9 +1,9 @@
 /// @file friction.h  Unilateral contact with Coulomb friction, circular cone (private; exported).
 ///
 /// m contact points, each with a local frame (normal, tangent 1, tangent 2); f [N] acts on the body
-/// along it, w [m] is the gap (normal) and the slip (tangents) under f. A point has three rows in this
-/// order where its mu > 0, one (normal) where mu = 0. Given the compliance M between the rows and q,
-/// the gaps and slips without force, find f with w = M f + q and at every point
+/// along it, w [m] is the gap (normal) and the slip (tangents) under f. A point has three rows in
+/// this order where its mu > 0, one (normal) where mu = 0. Given the compliance M between the rows
+/// and q, the gaps and slips without force, find f with w = M f + q and at every point
 ///     f_n >= 0,  w_n >= 0,  f_n w_n = 0,                       (unilateral)
 ///     |f_t| <= mu f_n;  w_t = 0 or f_t = -mu f_n w_t / |w_t|.   (stick or slip)
 /// A held point (mu < 0: grasped) has three rows and w = 0, whatever its force.
@@ -11,8 +11,8 @@
 /// on top). Then a solution exists. It is unique for mu below a bound that M sets (the closer to
 /// diagonal, the larger); beyond it Coulomb's law itself may admit several, and which of them is
 /// returned depends on the start: from the forces of the last tick, the one continued from there.
-/// Thread: any, one workspace each. No allocation, no lock; every bound is a count, so the same input
-/// and start give the same bits. The mathematics stand in friction.c.
+/// Thread: any, one workspace each. No allocation, no lock; every bound is a count, so the same
+/// input and start give the same bits. The mathematics stand in friction.c.
 #ifndef PALPATE_HAPTIC_FRICTION_H
 #define PALPATE_HAPTIC_FRICTION_H
 
@@ -35,7 +35,7 @@ typedef struct pal_friction {
 typedef enum pal_friction_point {
     PALPATE_POINT_OPEN = 0,
     PALPATE_POINT_STICK = 1, ///< also a held point
-    PALPATE_POINT_SLIP = 2 ///< points without friction that touch are slipping
+    PALPATE_POINT_SLIP = 2   ///< points without friction that touch are slipping
 } pal_friction_point;
 
 typedef enum pal_friction_state {
@@ -67,10 +67,11 @@ PALPATE_API size_t pal_friction_bytes(int32_t points);
 ///                       return the forces
 /// @param[out]    w      shape [rows]; w = M f + q of the f returned
 /// @param[in,out] work   8-byte aligned, pal_friction_bytes(points); contents need not be kept
-/// Cost: an iteration is one factorization of 3 unknowns per sticking or held, 2 per slipping, 1 per
-/// frictionless point in contact, and 3 rows^2; from a start that solves the problem there is none.
-/// Thread: servo. Source: Alart, Curnier 1991; Hueeber, Stadler, Wohlmuth 2008.
-PALPATE_API pal_friction_result pal_friction_solve(const pal_friction *problem, int32_t max_iterations,
-                                                   uint8_t *state, double *f, double *w, void *work);
+/// Cost: an iteration is one factorization of 3 unknowns per sticking or held, 2 per slipping, 1
+/// per frictionless point in contact, and 3 rows^2; from a start that solves the problem there is
+/// none. Thread: servo. Source: Alart, Curnier 1991; Hueeber, Stadler, Wohlmuth 2008.
+PALPATE_API pal_friction_result pal_friction_solve(const pal_friction *problem,
+                                                   int32_t max_iterations, uint8_t *state,
+                                                   double *f, double *w, void *work);
 
 #endif

@@ -1,8 +1,8 @@
 /// @file canvas.c  The picture: surface coloured by displacement, tools, force arrows, overlay.
 ///
 /// OpenGL 3.3 core. One dynamic vertex buffer for the surface (corners with their own normals), one
-/// static one with three unit solids (sphere, cylinder, cone) that tools and arrows are made of, one
-/// texture for the overlay drawn by cairo.
+/// static one with three unit solids (sphere, cylinder, cone) that tools and arrows are made of,
+/// one texture for the overlay drawn by cairo.
 #include "haptic/view/view.h"
 
 #include <math.h>
@@ -13,7 +13,7 @@
 #include <cglm/cglm.h>
 #include <epoxy/gl.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 #include "haptic/view/surface_mesh.h"
 
 enum { SLICES = 32, STACKS = 16, COLOURS = 64 };
@@ -61,10 +61,10 @@ static const char screen_vertex[] =
     "out vec2 at;\n"
     "void main() { vec2 p = vec2((gl_VertexID << 1) & 2, gl_VertexID & 2); at = p;\n"
     "  gl_Position = vec4(p * 2.0 - 1.0, 0.0, 1.0); }\n";
-static const char background_fragment[] =
-    "#version 330 core\n"
-    "in vec2 at; out vec4 colour;\n"
-    "void main() { colour = vec4(mix(vec3(0.78, 0.81, 0.86), vec3(0.96, 0.97, 0.99), at.y), 1.0); }\n";
+static const char background_fragment[] = "#version 330 core\n"
+                                          "in vec2 at; out vec4 colour;\n"
+                                          "void main() { colour = vec4(mix(vec3(0.78, 0.81, 0.86), "
+                                          "vec3(0.96, 0.97, 0.99), at.y), 1.0); }\n";
 static const char overlay_fragment[] =
     "#version 330 core\n"
     "in vec2 at; out vec4 colour; uniform sampler2D picture;\n"
@@ -79,7 +79,8 @@ static GLuint compile(GLenum kind, const char *source, pal_error *error) {
     if (!ok) {
         char log[512] = "";
         glGetShaderInfoLog(shader, sizeof log, NULL, log);
-        (void)pal_fail(error, PALPATE_ERROR_SYSTEM, "the OpenGL driver refuses a shader: %.300s", log);
+        (void)pal_fail(error, PALPATE_ERROR_SYSTEM, "the OpenGL driver refuses a shader: %.300s",
+                       log);
         glDeleteShader(shader);
         return 0;
     }
@@ -120,8 +121,8 @@ static void solid_point(solid kind, double s, double a, float *out) {
         r = 1.0 - s;
         nz = nr = sqrt(0.5);
     }
-    float p[7] = {(float)(r * cos(a)),  (float)(r * sin(a)),  (float)z, (float)(nr * cos(a)),
-                  (float)(nr * sin(a)), (float)nz,            0.0F};
+    float p[7] = {(float)(r * cos(a)),  (float)(r * sin(a)), (float)z, (float)(nr * cos(a)),
+                  (float)(nr * sin(a)), (float)nz,           0.0F};
     memcpy(out, p, sizeof p);
 }
 
@@ -152,8 +153,8 @@ static pal_status build_solids(pal_canvas *c, pal_error *error) {
     glGenBuffers(1, &c->solid_buffer);
     glBindVertexArray(c->solid_array);
     glBindBuffer(GL_ARRAY_BUFFER, c->solid_buffer);
-    glBufferData(GL_ARRAY_BUFFER, (GLsizeiptr)((size_t)at * PALPATE_CORNER_FLOATS * sizeof *data), data,
-                 GL_STATIC_DRAW);
+    glBufferData(GL_ARRAY_BUFFER, (GLsizeiptr)((size_t)at * PALPATE_CORNER_FLOATS * sizeof *data),
+                 data, GL_STATIC_DRAW);
     free(data);
     return PALPATE_OK;
 }
@@ -263,7 +264,8 @@ static void draw_solid(pal_canvas *c, solid kind, mat4 model, const float colour
     glDrawArrays(GL_TRIANGLES, c->first[kind], c->count[kind]);
 }
 
-/// The matrix that puts the unit solid's z axis along `axis` (unit) from `at`, scaled (r, r, length).
+/// The matrix that puts the unit solid's z axis along `axis` (unit) from `at`, scaled (r, r,
+/// length).
 static void along(const double at[3], const double axis[3], double r, double length, mat4 m) {
     vec3 z = {(float)axis[0], (float)axis[1], (float)axis[2]}, x, y;
     glm_vec3_ortho(z, x);
@@ -326,12 +328,14 @@ static void draw_tool(pal_canvas *c, const pal_tool_def *tool, const pal_pose *p
 /// The force on the tool, from its contact centroid; length saturates gently with the force.
 static int draw_force(pal_canvas *c, const pal_tool_force *f, const pal_pose *pose, double tip[3]) {
     static const float red[3] = {0.85F, 0.16F, 0.12F};
-    double size = sqrt(f->force[0] * f->force[0] + f->force[1] * f->force[1] + f->force[2] * f->force[2]);
+    double size =
+        sqrt(f->force[0] * f->force[0] + f->force[1] * f->force[1] + f->force[2] * f->force[2]);
     if (!(size > 1e-6)) {
         return 0;
     }
     const double *from = f->contact_count > 0 ? f->centroid : pose->position;
-    double length = c->size * (0.06 + 0.34 * size / (size + 0.5)), r = 0.010 * c->size, u[3], neck[3];
+    double length = c->size * (0.06 + 0.34 * size / (size + 0.5)), r = 0.010 * c->size, u[3],
+           neck[3];
     for (int d = 0; d < 3; d++) {
         u[d] = f->force[d] / size;
         neck[d] = from[d] + 0.78 * length * u[d];
@@ -349,7 +353,8 @@ static void set_camera(pal_canvas *c, const pal_camera *camera, int width, int h
     vec3 center, eye, up = {0.0F, 0.0F, 1.0F};
     double distance = camera->distance * c->size;
     double ce = cos(camera->elevation);
-    double offset[3] = {ce * cos(camera->azimuth), ce * sin(camera->azimuth), sin(camera->elevation)};
+    double offset[3] = {ce * cos(camera->azimuth), ce * sin(camera->azimuth),
+                        sin(camera->elevation)};
     for (int d = 0; d < 3; d++) {
         center[d] = (float)camera->center[d];
         eye[d] = (float)(camera->center[d] + distance * offset[d]);
@@ -369,9 +374,10 @@ static void draw_surface(pal_canvas *c, double range) {
     glm_mat4_pick3(c->view, turn);
     glBindVertexArray(c->surface_array);
     glBindBuffer(GL_ARRAY_BUFFER, c->surface_buffer);
-    glBufferData(GL_ARRAY_BUFFER,
-                 (GLsizeiptr)(3 * (size_t)c->mesh.triangle_count * PALPATE_CORNER_FLOATS * sizeof(float)),
-                 c->mesh.corner, GL_STREAM_DRAW);
+    glBufferData(
+        GL_ARRAY_BUFFER,
+        (GLsizeiptr)(3 * (size_t)c->mesh.triangle_count * PALPATE_CORNER_FLOATS * sizeof(float)),
+        c->mesh.corner, GL_STREAM_DRAW);
     set_matrix(c->program, "model", identity);
     glUniformMatrix3fv(glGetUniformLocation(c->program, "turn"), 1, GL_FALSE, (const float *)turn);
     glUniform3fv(glGetUniformLocation(c->program, "flat_colour"), 1, skin);
@@ -403,8 +409,8 @@ static void draw_overlay(pal_canvas *c, const pal_caption *caption, double range
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
     glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
-    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, c->width, c->height, 0, GL_BGRA, GL_UNSIGNED_INT_8_8_8_8_REV,
-                 c->overlay);
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, c->width, c->height, 0, GL_BGRA,
+                 GL_UNSIGNED_INT_8_8_8_8_REV, c->overlay);
     glBindVertexArray(c->empty_array);
     glDrawArrays(GL_TRIANGLES, 0, 3);
     glDisable(GL_BLEND);
@@ -468,7 +474,8 @@ double pal_canvas_largest(const pal_canvas *c) {
     return (double)c->mesh.largest;
 }
 
-void pal_canvas_ray(const pal_canvas *c, double x, double y, double origin[3], double direction[3]) {
+void pal_canvas_ray(const pal_canvas *c, double x, double y, double origin[3],
+                    double direction[3]) {
     mat4 view = GLM_MAT4_IDENTITY_INIT, projection = GLM_MAT4_IDENTITY_INIT, both, inverse;
     memcpy(view, c->view, sizeof view);
     memcpy(projection, c->projection, sizeof projection);

@@ -1,4 +1,5 @@
-/// @file offscreen.c  EGL without a display: surfaceless context, multisampled framebuffer, readback.
+/// @file offscreen.c  EGL without a display: surfaceless context, multisampled framebuffer,
+/// readback.
 #include "haptic/view/view.h"
 
 #include <stdlib.h>
@@ -7,7 +8,7 @@
 #include <epoxy/egl.h>
 #include <epoxy/gl.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 enum { SAMPLES = 4 };
 
@@ -15,7 +16,7 @@ struct pal_offscreen {
     EGLDisplay display;
     EGLContext context;
     int width, height;
-    GLuint multisampled, resolved;        ///< framebuffers
+    GLuint multisampled, resolved;         ///< framebuffers
     GLuint colour, depth, resolved_colour; ///< renderbuffers
 };
 
@@ -32,9 +33,13 @@ static GLuint renderbuffer(GLenum format, int samples, int width, int height) {
 }
 
 static pal_status create_context(pal_offscreen *o, pal_error *error) {
-    static const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3,
+    static const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION,
+                                        3,
+                                        EGL_CONTEXT_MINOR_VERSION,
+                                        3,
                                         EGL_CONTEXT_OPENGL_PROFILE_MASK,
-                                        EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE};
+                                        EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
+                                        EGL_NONE};
     const char *extensions = eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS);
     if (extensions == NULL || strstr(extensions, "EGL_MESA_platform_surfaceless") == NULL) {
         return pal_fail(error, PALPATE_ERROR_SYSTEM,
@@ -63,8 +68,8 @@ static pal_status create_context(pal_offscreen *o, pal_error *error) {
 pal_status pal_offscreen_create(int width, int height, pal_offscreen **out, pal_error *error) {
     *out = NULL;
     if (width < 16 || height < 16 || width > 8192 || height > 8192) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "picture of %d x %d pixels: allowed 16 to 8192",
-                        width, height);
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "picture of %d x %d pixels: allowed 16 to 8192", width, height);
     }
     pal_offscreen *o = calloc(1, sizeof *o);
     if (o == NULL) {

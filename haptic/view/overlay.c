@@ -9,8 +9,9 @@
 
 /// From the colour of resting tissue through blue and green to yellow, sampled at 9 points.
 static const double tissue_scale[9][3] = {
-    {0.82, 0.65, 0.60}, {0.70, 0.60, 0.62}, {0.50, 0.52, 0.62}, {0.30, 0.46, 0.60}, {0.16, 0.50, 0.56},
-    {0.13, 0.60, 0.53}, {0.30, 0.72, 0.43}, {0.60, 0.84, 0.26}, {0.99, 0.91, 0.14}};
+    {0.82, 0.65, 0.60}, {0.70, 0.60, 0.62}, {0.50, 0.52, 0.62},
+    {0.30, 0.46, 0.60}, {0.16, 0.50, 0.56}, {0.13, 0.60, 0.53},
+    {0.30, 0.72, 0.43}, {0.60, 0.84, 0.26}, {0.99, 0.91, 0.14}};
 
 void pal_colour(double t, double rgb[3]) {
     t = t > 0.0 ? (t < 1.0 ? t : 1.0) : 0.0;
@@ -105,18 +106,19 @@ static void draw_plot(cairo_t *c, double unit, double x, double y, double w, dou
     cairo_stroke(c);
     char s[128];
     cairo_set_source_rgb(c, 0.15, 0.15, 0.18);
-    (void)snprintf(s, sizeof s, "%s %.3g %s", title, count ? fabs(v[count - 1]) * factor : 0.0, unit_text);
+    (void)snprintf(s, sizeof s, "%s %.3g %s", title, count ? fabs(v[count - 1]) * factor : 0.0,
+                   unit_text);
     text(c, x + 0.4 * unit, y + 1.2 * unit, unit, 1, s);
     (void)snprintf(s, sizeof s, "scale %.3g %s, last %.3g s", top, unit_text, seconds);
     text(c, x + 0.4 * unit, y + h - 0.4 * unit, 0.8 * unit, 0, s);
 }
 
-void pal_overlay_draw(uint8_t *argb, int width, int height, const pal_caption *caption, double range,
-                      const pal_label *labels, int label_count) {
+void pal_overlay_draw(uint8_t *argb, int width, int height, const pal_caption *caption,
+                      double range, const pal_label *labels, int label_count) {
     int stride = cairo_format_stride_for_width(CAIRO_FORMAT_ARGB32, width);
     memset(argb, 0, (size_t)stride * (size_t)height);
-    cairo_surface_t *surface = cairo_image_surface_create_for_data(argb, CAIRO_FORMAT_ARGB32, width,
-                                                                    height, stride);
+    cairo_surface_t *surface =
+        cairo_image_surface_create_for_data(argb, CAIRO_FORMAT_ARGB32, width, height, stride);
     cairo_t *c = cairo_create(surface);
     double unit = fmax(9.0, height / 50.0);
     draw_scale(c, unit, width, height, range);

@@ -12,7 +12,7 @@
 #include <gif_lib.h>
 #include <png.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 pal_status pal_picture_write_png(const char *path, int width, int height, const uint8_t *rgba,
                                  pal_error *error) {
@@ -23,7 +23,8 @@ pal_status pal_picture_write_png(const char *path, int width, int height, const 
     }
     struct stat found; // the rename would put a file in the place of a device or a pipe
     if (stat(path, &found) == 0 && !S_ISREG(found.st_mode)) {
-        return pal_fail(error, PALPATE_ERROR_IO, "%s: the picture cannot be written: not a regular file", path);
+        return pal_fail(error, PALPATE_ERROR_IO,
+                        "%s: the picture cannot be written: not a regular file", path);
     }
     png_image image;
     memset(&image, 0, sizeof image);
@@ -42,8 +43,9 @@ pal_status pal_picture_write_png(const char *path, int width, int height, const 
     int ok = png_image_write_to_file(&image, temporary, 0, opaque, 0, NULL);
     free(opaque);
     if (!ok || rename(temporary, path) != 0) {
-        pal_status status = pal_fail(error, PALPATE_ERROR_IO, "%s: the picture cannot be written: %s", path,
-                                     ok ? strerror(errno) : image.message);
+        pal_status status =
+            pal_fail(error, PALPATE_ERROR_IO, "%s: the picture cannot be written: %s", path,
+                     ok ? strerror(errno) : image.message);
         (void)remove(temporary);
         return status;
     }
@@ -63,8 +65,8 @@ struct pal_gif {
 /// Bayer's 4 x 4 ordered dither, in [0, 1).
 static const double dither[4][4] = {{0, 8, 2, 10}, {12, 4, 14, 6}, {3, 11, 1, 9}, {15, 7, 13, 5}};
 
-pal_status pal_gif_open(const char *path, int width, int height, double frame_seconds, pal_gif **out,
-                        pal_error *error) {
+pal_status pal_gif_open(const char *path, int width, int height, double frame_seconds,
+                        pal_gif **out, pal_error *error) {
     *out = NULL;
     int code = 0;
     GifColorType colours[256];
@@ -84,7 +86,8 @@ pal_status pal_gif_open(const char *path, int width, int height, double frame_se
     g->line = malloc((size_t)width);
     g->map = GifMakeMapObject(256, colours);
     g->path = strdup(path);
-    int fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666); // giflib's own mode is 0600
+    int fd =
+        open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666); // giflib's own mode is 0600
     int why = fd < 0 ? errno : 0;
     struct stat found;
     g->regular = fd >= 0 && fstat(fd, &found) == 0 && S_ISREG(found.st_mode);
@@ -93,10 +96,11 @@ pal_status pal_gif_open(const char *path, int width, int height, double frame_se
         (void)close(fd);
     }
     if (g->line == NULL || g->map == NULL || g->path == NULL || g->file == NULL) {
-        pal_status status = pal_fail(error, PALPATE_ERROR_IO, "%s: the GIF cannot be written: %s", path,
-                                     why    ? strerror(why)
-                                     : code ? GifErrorString(code)
-                                            : "out of memory");
+        pal_status status =
+            pal_fail(error, PALPATE_ERROR_IO, "%s: the GIF cannot be written: %s", path,
+                     why    ? strerror(why)
+                     : code ? GifErrorString(code)
+                            : "out of memory");
         (void)pal_gif_close(g, NULL);
         return status;
     }
@@ -109,7 +113,8 @@ pal_status pal_gif_open(const char *path, int width, int height, double frame_se
         EGifPutExtensionTrailer(g->file) == GIF_ERROR) {
         g->failed = 1;
         (void)pal_gif_close(g, NULL);
-        return pal_fail(error, PALPATE_ERROR_IO, "%s: the GIF cannot be written (disk full?)", path);
+        return pal_fail(error, PALPATE_ERROR_IO, "%s: the GIF cannot be written (disk full?)",
+                        path);
     }
     *out = g;
     return PALPATE_OK;
@@ -136,8 +141,9 @@ pal_status pal_gif_add(pal_gif *g, const uint8_t *rgba, pal_error *error) {
     g->frames += ok;
     g->failed |= !ok;
     return ok ? PALPATE_OK
-              : pal_fail(error, PALPATE_ERROR_IO, "%s: picture %d of the GIF cannot be written (disk full?)",
-                         g->path, g->frames + 1);
+              : pal_fail(error, PALPATE_ERROR_IO,
+                         "%s: picture %d of the GIF cannot be written (disk full?)", g->path,
+                         g->frames + 1);
 }
 
 pal_status pal_gif_close(pal_gif *g, pal_error *error) {
@@ -147,7 +153,8 @@ pal_status pal_gif_close(pal_gif *g, pal_error *error) {
     }
     if (g->file != NULL) {
         ok = EGifCloseFile(g->file, &code) != GIF_ERROR;
-        if ((!ok || g->failed) && g->regular && g->path != NULL) { // a torn animation is worth nothing
+        if ((!ok || g->failed) && g->regular &&
+            g->path != NULL) { // a torn animation is worth nothing
             (void)remove(g->path);
         }
     }
@@ -157,5 +164,7 @@ pal_status pal_gif_close(pal_gif *g, pal_error *error) {
     free(g->line);
     free(g->path);
     free(g);
-    return ok ? PALPATE_OK : pal_fail(error, PALPATE_ERROR_IO, "the GIF cannot be finished: %s", GifErrorString(code));
+    return ok ? PALPATE_OK
+              : pal_fail(error, PALPATE_ERROR_IO, "the GIF cannot be finished: %s",
+                         GifErrorString(code));
 }

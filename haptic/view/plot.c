@@ -1,8 +1,10 @@
-/// @file plot.c  Curves over time as a picture, drawn by cairo: panels below each other, one time axis.
+/// @file plot.c  Curves over time as a picture, drawn by cairo: panels below each other, one time
+/// axis.
 ///
-/// What a panel shows is the range (lowest to highest) of a number within each column of pixels, so a
-/// spike of one tick in an hour is still there; where a column holds one value the range is a point and
-/// neighbours are joined. Layout in units of the picture's height, so any size reads alike.
+/// What a panel shows is the range (lowest to highest) of a number within each column of pixels, so
+/// a spike of one tick in an hour is still there; where a column holds one value the range is a
+/// point and neighbours are joined. Layout in units of the picture's height, so any size reads
+/// alike.
 #include "haptic/view/view.h"
 
 #include <math.h>
@@ -12,7 +14,7 @@
 
 #include <cairo.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 typedef struct frame {
     double x, y, w, h; ///< of a panel's plotting area [px]
@@ -81,7 +83,8 @@ static void scale(frame *f, const pal_plot_panel *p, int columns) {
 
 static void draw_levels(cairo_t *c, const frame *f) {
     char s[32];
-    double step = f->logarithmic ? fmax(1.0, ceil((f->high - f->low) / 4.0)) : step_of(f->high - f->low, 4);
+    double step =
+        f->logarithmic ? fmax(1.0, ceil((f->high - f->low) / 4.0)) : step_of(f->high - f->low, 4);
     for (int i = 0; f->low + i * step <= f->high * (1.0 + 1e-9) + 1e-12 && i < 20; i++) {
         double v = f->low + i * step, y = f->y + f->h * (1.0 - (v - f->low) / (f->high - f->low));
         cairo_set_source_rgb(c, 0.88, 0.88, 0.90);
@@ -145,7 +148,8 @@ static void draw_panel(cairo_t *c, const pal_plot *plot, const pal_plot_panel *p
         cairo_text_extents_t e;
         cairo_text_extents(c, p->series[k].name, &e);
         at -= e.x_advance + f->unit;
-        cairo_set_source_rgb(c, p->series[k].colour[0], p->series[k].colour[1], p->series[k].colour[2]);
+        cairo_set_source_rgb(c, p->series[k].colour[0], p->series[k].colour[1],
+                             p->series[k].colour[2]);
         write_text(c, at, f->y - 0.45 * f->unit, f->unit, 0.0, p->series[k].name);
     }
 }
@@ -153,7 +157,8 @@ static void draw_panel(cairo_t *c, const pal_plot *plot, const pal_plot_panel *p
 static void draw_time(cairo_t *c, const pal_plot *plot, const frame *last, double top) {
     double span = plot->to - plot->from, step = step_of(span > 0.0 ? span : 1.0, 8);
     char s[32];
-    for (int64_t i = (int64_t)ceil(plot->from / step - 1e-9); (double)i * step <= plot->to + 1e-9 * span; i++) {
+    for (int64_t i = (int64_t)ceil(plot->from / step - 1e-9);
+         (double)i * step <= plot->to + 1e-9 * span; i++) {
         double x = last->x + (span > 0.0 ? last->w * ((double)i * step - plot->from) / span : 0.0);
         cairo_set_source_rgba(c, 0.5, 0.5, 0.55, 0.25);
         cairo_set_line_width(c, 1.0);
@@ -167,14 +172,16 @@ static void draw_time(cairo_t *c, const pal_plot *plot, const frame *last, doubl
             break;
         }
     }
-    write_text(c, last->x + last->w, last->y + last->h + 2.7 * last->unit, last->unit, 1.0, "session time [s]");
+    write_text(c, last->x + last->w, last->y + last->h + 2.7 * last->unit, last->unit, 1.0,
+               "session time [s]");
 }
 
 pal_status pal_plot_write_png(const char *path, int width, int height, const pal_plot *plot,
                               pal_error *error) {
-    if (plot->columns != pal_plot_columns(width, height) || plot->columns < 16 || plot->panel_count < 1) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "%s: %dx%d is too small for the plot", path, width,
-                        height);
+    if (plot->columns != pal_plot_columns(width, height) || plot->columns < 16 ||
+        plot->panel_count < 1) {
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "%s: %dx%d is too small for the plot", path,
+                        width, height);
     }
     cairo_surface_t *surface = cairo_image_surface_create(CAIRO_FORMAT_RGB24, width, height);
     cairo_t *c = cairo_create(surface);
@@ -195,8 +202,8 @@ pal_status pal_plot_write_png(const char *path, int width, int height, const pal
     pal_status status = PALPATE_OK;
     uint8_t *rgba = malloc(4 * (size_t)width * (size_t)height);
     if (cairo_surface_status(surface) != CAIRO_STATUS_SUCCESS || rgba == NULL) {
-        status = pal_fail(error, PALPATE_ERROR_MEMORY, "%s: no memory for a picture of %dx%d", path, width,
-                          height);
+        status = pal_fail(error, PALPATE_ERROR_MEMORY, "%s: no memory for a picture of %dx%d", path,
+                          width, height);
     } else {
         const uint8_t *data = cairo_image_surface_get_data(surface);
         size_t stride = (size_t)cairo_image_surface_get_stride(surface);

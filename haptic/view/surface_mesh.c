@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 /// Faces whose rest normals differ by more than this are separated by a crease.
 static const float CREASE_COSINE = 0.70F;
@@ -33,7 +33,8 @@ static void face_normals(pal_surface_mesh *m) {
 
 static float cosine(const float *a, const float *b) {
     float ab = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    float aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2], bb = b[0] * b[0] + b[1] * b[1] + b[2] * b[2];
+    float aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2],
+          bb = b[0] * b[0] + b[1] * b[1] + b[2] * b[2];
     return aa > 0.0F && bb > 0.0F ? ab / sqrtf(aa * bb) : 1.0F;
 }
 
@@ -61,7 +62,8 @@ static pal_status group_corners(pal_surface_mesh *m, pal_error *error) {
         } else {
             m->group_face = malloc(((size_t)m->group_start[corners] + 1) * sizeof *m->group_face);
             if (m->group_face == NULL) {
-                status = pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for the picture's mesh");
+                status =
+                    pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for the picture's mesh");
                 break;
             }
         }
@@ -86,7 +88,8 @@ static pal_status group_corners(pal_surface_mesh *m, pal_error *error) {
     return status;
 }
 
-pal_status pal_surface_mesh_create(const pal_model *model, pal_surface_mesh *out, pal_error *error) {
+pal_status pal_surface_mesh_create(const pal_model *model, pal_surface_mesh *out,
+                                   pal_error *error) {
     memset(out, 0, sizeof *out);
     pal_model_info info;
     pal_model_get_info(model, &info);

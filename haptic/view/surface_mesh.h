@@ -17,8 +17,8 @@ typedef struct pal_surface_mesh {
     float *face_normal;      ///< (triangle_count x 3), length twice the area
     int32_t *group_start;    ///< (3 triangle_count + 1): faces that share a corner's smooth normal
     int32_t *group_face;
-    float *corner;           ///< (3 triangle_count x PALPATE_CORNER_FLOATS)
-    float largest;           ///< displacement magnitude of the last update [m]
+    float *corner; ///< (3 triangle_count x PALPATE_CORNER_FLOATS)
+    float largest; ///< displacement magnitude of the last update [m]
 } pal_surface_mesh;
 
 pal_status pal_surface_mesh_create(const pal_model *model, pal_surface_mesh *out, pal_error *error);

@@ -23,7 +23,8 @@ void pal_offscreen_end(pal_offscreen *offscreen);
 /// Resolve and read the picture. @param[out] rgba  shape [height, width, 4], top row first
 void pal_offscreen_read(pal_offscreen *offscreen, uint8_t *rgba);
 
-/// ---- Camera -------------------------------------------------------------------------------------
+/// ---- Camera
+/// -------------------------------------------------------------------------------------
 typedef struct pal_camera {
     double azimuth, elevation; ///< [rad], around the vertical (z)
     double distance;           ///< in body sizes
@@ -32,15 +33,16 @@ typedef struct pal_camera {
 /// A view of the body from above and aside, nearer to where the tools start.
 pal_camera pal_camera_default(const pal_model *model);
 
-/// ---- The canvas (canvas.c): the model's surface and its tools drawn by OpenGL -------------------
+/// ---- The canvas (canvas.c): the model's surface and its tools drawn by OpenGL
+/// -------------------
 typedef struct pal_canvas pal_canvas;
 pal_status pal_canvas_create(const pal_model *model, pal_canvas **out, pal_error *error);
 void pal_canvas_free(pal_canvas *canvas);
 
 /// What the overlay adds to a frame.
 typedef struct pal_caption {
-    const char *title;      ///< upper left; NULL: none
-    double range;           ///< displacement at the top of the colour scale [m]; 0: this frame's largest
+    const char *title; ///< upper left; NULL: none
+    double range;      ///< displacement at the top of the colour scale [m]; 0: this frame's largest
     const double *depth_history; ///< (history_count) [m], newest last; NULL: no plots
     const double *force_history; ///< (history_count) [N]
     int history_count;
@@ -55,24 +57,27 @@ void pal_canvas_draw(pal_canvas *canvas, const pal_frame *frame, const pal_runti
 /// Largest displacement of the last frame drawn [m].
 double pal_canvas_largest(const pal_canvas *canvas);
 /// World ray under a pixel of the last drawing: origin and unit direction [m], body frame.
-void pal_canvas_ray(const pal_canvas *canvas, double x, double y, double origin[3], double direction[3]);
+void pal_canvas_ray(const pal_canvas *canvas, double x, double y, double origin[3],
+                    double direction[3]);
 
-/// ---- Overlay (overlay.c): text, scale and plots by cairo, as a picture to be blended on top --------
+/// ---- Overlay (overlay.c): text, scale and plots by cairo, as a picture to be blended on top
+/// --------
 /// @param[out] argb  premultiplied ARGB32 of width x height (cairo's native layout), overwritten
 /// @param labels  force labels: pixel position and text
 typedef struct pal_label {
     double x, y;
     char text[64];
 } pal_label;
-void pal_overlay_draw(uint8_t *argb, int width, int height, const pal_caption *caption, double range,
-                      const pal_label *labels, int label_count);
+void pal_overlay_draw(uint8_t *argb, int width, int height, const pal_caption *caption,
+                      double range, const pal_label *labels, int label_count);
 /// Colour of the displacement scale at t in [0, 1]: the same in the shader and in the legend.
 void pal_colour(double t, double rgb[3]);
 /// The next of 1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten at or above x.
 double pal_round_up(double x);
 
-/// ---- Plots (plot.c): numbers over time, as a picture ---------------------------------------------
-/// One curve: the lowest and highest value within each column of pixels; NaN where there is none.
+/// ---- Plots (plot.c): numbers over time, as a picture
+/// --------------------------------------------- One curve: the lowest and highest value within
+/// each column of pixels; NaN where there is none.
 typedef struct pal_plot_series {
     const double *low, *high; ///< shape [columns]
     double colour[3];
@@ -86,8 +91,8 @@ typedef struct pal_plot_panel {
 } pal_plot_panel;
 typedef struct pal_plot {
     const char *title;
-    double from, to; ///< time at the first and behind the last column [s]
-    int columns;     ///< pal_plot_columns of the picture's size
+    double from, to;     ///< time at the first and behind the last column [s]
+    int columns;         ///< pal_plot_columns of the picture's size
     const uint8_t *mark; ///< (columns) 1: shade it; NULL: none
     int panel_count;
     const pal_plot_panel *panel;
@@ -98,14 +103,15 @@ int pal_plot_columns(int width, int height);
 pal_status pal_plot_write_png(const char *path, int width, int height, const pal_plot *plot,
                               pal_error *error);
 
-/// ---- Pictures (picture.c) -----------------------------------------------------------------------
-/// Write an RGBA picture (alpha ignored) as PNG: temporary file, then rename.
+/// ---- Pictures (picture.c)
+/// ----------------------------------------------------------------------- Write an RGBA picture
+/// (alpha ignored) as PNG: temporary file, then rename.
 pal_status pal_picture_write_png(const char *path, int width, int height, const uint8_t *rgba,
                                  pal_error *error);
 /// An animated GIF, frame by frame (6x6x6 colour cube with ordered dithering).
 typedef struct pal_gif pal_gif;
-pal_status pal_gif_open(const char *path, int width, int height, double frame_seconds, pal_gif **out,
-                        pal_error *error);
+pal_status pal_gif_open(const char *path, int width, int height, double frame_seconds,
+                        pal_gif **out, pal_error *error);
 pal_status pal_gif_add(pal_gif *gif, const uint8_t *rgba, pal_error *error);
 pal_status pal_gif_close(pal_gif *gif, pal_error *error);
 

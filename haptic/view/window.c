@@ -9,7 +9,7 @@
 #define GLFW_INCLUDE_NONE
 #include <GLFW/glfw3.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 struct pal_window {
     GLFWwindow *handle;
@@ -60,7 +60,8 @@ static void on_button(GLFWwindow *handle, int button, int action, int mods) {
     if (button == GLFW_MOUSE_BUTTON_LEFT && !(mods & GLFW_MOD_SHIFT)) {
         w->input.pressing = down;
     }
-    if (button == GLFW_MOUSE_BUTTON_RIGHT || (button == GLFW_MOUSE_BUTTON_LEFT && (mods & GLFW_MOD_SHIFT))) {
+    if (button == GLFW_MOUSE_BUTTON_RIGHT ||
+        (button == GLFW_MOUSE_BUTTON_LEFT && (mods & GLFW_MOD_SHIFT))) {
         w->orbiting = down;
     }
     if (button == GLFW_MOUSE_BUTTON_LEFT && !down) {
@@ -77,7 +78,8 @@ static void on_move(GLFWwindow *handle, double x, double y) {
     int width = 1, height = 1, pixels_wide = 1, pixels_high = 1;
     glfwGetWindowSize(handle, &width, &height);
     glfwGetFramebufferSize(handle, &pixels_wide, &pixels_high);
-    double dx = (x - w->last[0]) / (height > 0 ? height : 1), dy = (y - w->last[1]) / (height > 0 ? height : 1);
+    double dx = (x - w->last[0]) / (height > 0 ? height : 1),
+           dy = (y - w->last[1]) / (height > 0 ? height : 1);
     w->last[0] = x;
     w->last[1] = y;
     w->input.cursor[0] = x * pixels_wide / (width > 0 ? width : 1);
@@ -102,7 +104,8 @@ static void on_scroll(GLFWwindow *handle, double x, double y) {
     }
 }
 
-pal_status pal_window_create(int width, int height, const char *title, pal_window **out, pal_error *error) {
+pal_status pal_window_create(int width, int height, const char *title, pal_window **out,
+                             pal_error *error) {
     *out = NULL;
     pal_window *w = calloc(1, sizeof *w);
     if (w == NULL) {
@@ -112,7 +115,8 @@ pal_status pal_window_create(int width, int height, const char *title, pal_windo
     if (!glfwInit()) {
         free(w);
         return pal_fail(error, PALPATE_ERROR_SYSTEM,
-                        "no window can be opened here (is DISPLAY set?): use `palpate run --snapshot FILE.png`, or "
+                        "no window can be opened here (is DISPLAY set?): use `palpate run "
+                        "--snapshot FILE.png`, or "
                         "run under xvfb-run");
     }
     glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
@@ -128,7 +132,8 @@ pal_status pal_window_create(int width, int height, const char *title, pal_windo
     if (w->handle == NULL) {
         glfwTerminate();
         free(w);
-        return pal_fail(error, PALPATE_ERROR_SYSTEM, "this display has no OpenGL 3.3: install libgl1-mesa-dri");
+        return pal_fail(error, PALPATE_ERROR_SYSTEM,
+                        "this display has no OpenGL 3.3: install libgl1-mesa-dri");
     }
     glfwMakeContextCurrent(w->handle);
     glfwSwapInterval(0); // the caller paces itself at the render rate

@@ -19,17 +19,19 @@ extern "C" {
 ///         _CERTIFICATE (the message names reason and remedy) *out is the model, so that it can be
 ///         looked at: pal_model_save refuses nothing, the program does not write it.
 ///         A scene with `certify: warn` gets PALPATE_OK and a scene warning instead.
-/// Thread: any, one call per scene at a time; starts helper threads and one helper process (mesher).
+/// Thread: any, one call per scene at a time; starts helper threads and one helper process
+/// (mesher).
 PALPATE_API pal_status pal_precompute(pal_scene *scene, const pal_progress *progress,
                                       pal_model **out, pal_error *error);
 
 /// The cache file of a scene: $PALPATE_CACHE, else $XDG_CACHE_HOME/palpate, else ~/.cache/palpate,
 /// then HASH.palpate. The directory is created with mode 0700.
-PALPATE_API pal_status pal_cache_path(const pal_scene *scene, char *path, size_t size, pal_error *error);
+PALPATE_API pal_status pal_cache_path(const pal_scene *scene, char *path, size_t size,
+                                      pal_error *error);
 
 /// The model of content hash `hash` (64 hexadecimal digits, pal_model_info.hash) from the cache.
-/// @return PALPATE_OK; _ARGUMENT when it is no hash; _IO, _SYSTEM when the cache has none or is not to be
-/// trusted; else as pal_model_load
+/// @return PALPATE_OK; _ARGUMENT when it is no hash; _IO, _SYSTEM when the cache has none or is not
+/// to be trusted; else as pal_model_load
 PALPATE_API pal_status pal_cache_find(const char *hash, pal_model **out, pal_error *error);
 
 /// pal_precompute through the cache: load the cached model when it matches the scene, else build

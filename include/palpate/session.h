@@ -22,7 +22,7 @@ extern "C" {
 typedef struct pal_device {
     uint32_t abi; ///< PALPATE_DEVICE_ABI
     void *self;
-    pal_device_spec spec; ///< what it can bear (tool.h); zero: unknown
+    pal_device_spec spec;                             ///< what it can bear (tool.h); zero: unknown
     pal_status (*open)(void *self, pal_error *error); ///< may be NULL
     pal_status (*read)(void *self, int64_t time_ns,
                        pal_tool_state *state); ///< state at session time
@@ -32,12 +32,12 @@ typedef struct pal_device {
 } pal_device;
 #define PALPATE_DEVICE_ABI 2u
 
-/// Figures of a device and of a hand, with their sources in haptic/simulated.c. push, kick, release and
-/// grasp are 0. Thread: any.
+/// Figures of a device and of a hand, with their sources in haptic/device/simulated.c. push, kick,
+/// release and grasp are 0. Thread: any.
 PALPATE_API pal_simulated pal_simulated_default(pal_simulated_model model, pal_simulated_grip grip);
 
-/// Make the device a tool definition names (null, replay, scripted, simulated). It reports poses in the body's
-/// frame. The caller owns it (out->close(out->self)) until a session takes it over.
+/// Make the device a tool definition names (null, replay, scripted, simulated). It reports poses in
+/// the body's frame. The caller owns it (out->close(out->self)) until a session takes it over.
 /// @return PALPATE_OK; _IO or _SCENE (trajectory file, located), _ARGUMENT (the tool has no device,
 /// or a stroke's parameters are impossible), _UNSUPPORTED, _MEMORY
 PALPATE_API pal_status pal_device_create(const pal_tool_def *tool, double period, pal_device *out,
@@ -95,10 +95,11 @@ typedef struct pal_session_def {
     void *render_user;
     const char *record_path; ///< recording file (HDF5, `.h5`); NULL: none; copied at create
     int32_t ring_ticks;      ///< per-tick ring kept in memory; default 8192
-    /// The ring is written to this recording (`.h5`; "-2", "-3", ... before the extension for the next
-    /// ones, at most 16 per session, nothing is overwritten) a quarter of the ring, at most 1 s, after the
-    /// onset of a fault of dump_faults, and on demand. NULL: not; copied at create. While the session runs
-    /// the raw file FILE.ticks holds it; finish converts it, `palpate recover` does after a kill.
+    /// The ring is written to this recording (`.h5`; "-2", "-3", ... before the extension for the
+    /// next ones, at most 16 per session, nothing is overwritten) a quarter of the ring, at most 1
+    /// s, after the onset of a fault of dump_faults, and on demand. NULL: not; copied at create.
+    /// While the session runs the raw file FILE.ticks holds it; finish converts it, `palpate
+    /// recover` does after a kill.
     const char *dump_path;
     uint32_t dump_faults; ///< default PALPATE_DUMP_FAULTS
     /// Above 0: after each such slice of session time [s] the servo thread runs a bare loop (sleep
@@ -124,8 +125,8 @@ PALPATE_API pal_status pal_session_start(pal_session *session, pal_error *error)
 /// Ask the servo to stop within one period; returns at once. Async-signal-safe.
 PALPATE_API void pal_session_request_stop(pal_session *session);
 /// Let a latched watchdog go: from the next tick on the force comes back over ramp_up. The fault
-/// that latched it may latch it again. The input of that tick says so (PALPATE_STATE_UNLATCH), hence a
-/// replay of the recording does the same. Thread: any; async-signal-safe.
+/// that latched it may latch it again. The input of that tick says so (PALPATE_STATE_UNLATCH),
+/// hence a replay of the recording does the same. Thread: any; async-signal-safe.
 PALPATE_API void pal_session_unlatch(pal_session *session);
 /// Ask for a dump of the ring now (def.dump_path). Thread: any; async-signal-safe.
 PALPATE_API void pal_session_request_dump(pal_session *session);
@@ -148,8 +149,9 @@ typedef struct pal_bare_report {
     pal_quantiles lateness_us;
 } pal_bare_report;
 
-/// Work at a device's port, from the poses it gave and the forces it was given (held between ticks).
-/// From rest without contact an engine that returns no more than was put in keeps given <= taken.
+/// Work at a device's port, from the poses it gave and the forces it was given (held between
+/// ticks). From rest without contact an engine that returns no more than was put in keeps given <=
+/// taken.
 typedef struct pal_port_energy {
     double given; ///< done on the device by the session [J]
     double taken; ///< done by the device [J]
@@ -171,19 +173,20 @@ typedef struct pal_session_report {
     double peak_depth;              ///< [m]
     pal_engine_counts counts;       ///< filled once the servo has ended
     int32_t tool_count;
-    pal_tool_limits limits[PALPATE_TOOLS_MAX]; ///< in effect; INFINITY: none, by the definition's choice
+    pal_tool_limits
+        limits[PALPATE_TOOLS_MAX];  ///< in effect; INFINITY: none, by the definition's choice
     uint32_t latched;               ///< bit per tool whose watchdog is latched
     uint32_t fault;                 ///< fault bits that have occurred, of the engine and of devices
     uint64_t device_errors;         ///< reads and writes that a device refused
     uint64_t page_faults;           ///< of the servo thread after its first tick
     uint64_t records, records_lost; ///< ticks x tools written to the recording, and not
     uint64_t record_frames, record_frames_lost;
-    pal_bare_report bare;   ///< with def.reference_slice
+    pal_bare_report bare;                    ///< with def.reference_slice
     pal_port_energy port[PALPATE_TOOLS_MAX]; ///< of each tool's device
-    char record_error[256]; ///< first failure of the recording; "" when there was none
+    char record_error[256];    ///< first failure of the recording; "" when there was none
     int32_t dumps, dumps_lost; ///< of the ring: written, and not (too many, or the disk refused)
-    char dump_path[256];    ///< the newest; "" when there is none
-    char scheduling[512];   ///< what was granted and what was refused, one sentence
+    char dump_path[256];       ///< the newest; "" when there is none
+    char scheduling[512];      ///< what was granted and what was refused, one sentence
 } pal_session_report;
 /// Thread: any; numbers still move while the servo runs.
 PALPATE_API void pal_session_get_report(const pal_session *session, pal_session_report *out);

@@ -14,12 +14,13 @@ extern "C" {
 typedef enum pal_shape_kind {
     PALPATE_SHAPE_POINT = 0,
     PALPATE_SHAPE_SPHERE = 1,
-    PALPATE_SHAPE_CAPSULE = 2 ///< segment of `length` along the tool's local z, centred on its origin
+    PALPATE_SHAPE_CAPSULE =
+        2 ///< segment of `length` along the tool's local z, centred on its origin
 } pal_shape_kind;
 
 typedef enum pal_device_kind {
-    PALPATE_DEVICE_NONE = 0,     ///< the host drives the tool (embedding), or the tool is only pressed
-    PALPATE_DEVICE_NULL = 1,     ///< stays at `start`
+    PALPATE_DEVICE_NONE = 0, ///< the host drives the tool (embedding), or the tool is only pressed
+    PALPATE_DEVICE_NULL = 1, ///< stays at `start`
     PALPATE_DEVICE_REPLAY = 2,   ///< trajectory CSV, interpolated in time
     PALPATE_DEVICE_SCRIPTED = 3, ///< press, slide, circle, tremor by parameters
     PALPATE_DEVICE_SIMULATED = 4 ///< simulated device and hand, closed loop
@@ -63,25 +64,25 @@ typedef enum pal_simulated_grip {
 } pal_simulated_grip;
 
 /// A simulated force-feedback device and the hand that holds it. pal_simulated_default() fills in
-/// published figures (haptic/simulated.c names the sources). The hand follows the device's `stroke`;
-/// without a hand only `push` and the tool's force move the device.
+/// published figures (haptic/device/simulated.c names the sources). The hand follows the device's
+/// `stroke`; without a hand only `push` and the tool's force move the device.
 typedef struct pal_simulated {
     pal_simulated_model model; ///< whose figures these are; the numbers below are what counts
     pal_simulated_grip grip;   ///< likewise of the hand
-    double mass;           ///< apparent mass at the tip [kg]
-    double damping;        ///< viscous, of the device alone [N s/m]
-    double friction;       ///< Coulomb (back-drive) friction of each axis [N]
-    double resolution;     ///< of the encoders, each axis [m]; 0: exact
-    double force;          ///< largest force of the actuators [N]
-    double stiffness;      ///< largest the maker gives; only told to the session [N/m]
-    double reach;          ///< stops: each coordinate stays within start +- reach [m]
-    double hand_mass;      ///< of the hand, moving with the tip [kg]
-    double hand_damping;   ///< between tip and intended motion [N s/m]
-    double hand_stiffness; ///< between tip and intended motion [N/m]; all three 0: no hand
-    double push;           ///< constant force along the tool's axis [N]
-    double kick;           ///< speed along the tool's axis at the start [m/s]
-    double release;        ///< the hand lets go at this time [s]; 0: never
-    double grasp;          ///< the grasp button closes at this time [s]; 0: never
+    double mass;               ///< apparent mass at the tip [kg]
+    double damping;            ///< viscous, of the device alone [N s/m]
+    double friction;           ///< Coulomb (back-drive) friction of each axis [N]
+    double resolution;         ///< of the encoders, each axis [m]; 0: exact
+    double force;              ///< largest force of the actuators [N]
+    double stiffness;          ///< largest the maker gives; only told to the session [N/m]
+    double reach;              ///< stops: each coordinate stays within start +- reach [m]
+    double hand_mass;          ///< of the hand, moving with the tip [kg]
+    double hand_damping;       ///< between tip and intended motion [N s/m]
+    double hand_stiffness;     ///< between tip and intended motion [N/m]; all three 0: no hand
+    double push;               ///< constant force along the tool's axis [N]
+    double kick;               ///< speed along the tool's axis at the start [m/s]
+    double release;            ///< the hand lets go at this time [s]; 0: never
+    double grasp;              ///< the grasp button closes at this time [s]; 0: never
 } pal_simulated;
 
 typedef struct pal_device_def {
@@ -91,8 +92,8 @@ typedef struct pal_device_def {
     pal_simulated simulated; ///< simulated
 } pal_device_def;
 
-/// What a device can bear. Zero: unknown. A limit, a coupling or a speed beyond what is known here is
-/// never passed on: forces are capped at the lesser of limit and device, a coupling is refused.
+/// What a device can bear. Zero: unknown. A limit, a coupling or a speed beyond what is known here
+/// is never passed on: forces are capped at the lesser of limit and device, a coupling is refused.
 typedef struct pal_device_spec {
     char name[PALPATE_NAME_MAX];
     double max_force;     ///< [N]
@@ -104,9 +105,10 @@ typedef struct pal_device_spec {
     double resolution;    ///< position resolution [m]
 } pal_device_spec;
 
-/// Limits of the output stage. Each: 0 asks for the default, which is the device spec's maximum where
-/// that is known, else PALPATE_DEFAULT_*; INFINITY is no limit, a choice that is reported wherever
-/// limits are (pal_session_report, `palpate run`). There is no other way to be without one.
+/// Limits of the output stage. Each: 0 asks for the default, which is the device spec's maximum
+/// where that is known, else PALPATE_DEFAULT_*; INFINITY is no limit, a choice that is reported
+/// wherever limits are (pal_session_report, `palpate run`). There is no other way to be without
+/// one.
 typedef struct pal_tool_limits {
     double force;  ///< cap of |force| [N]
     double slew;   ///< cap of |d force/dt| [N/ms]
@@ -117,10 +119,11 @@ typedef struct pal_tool_limits {
 #define PALPATE_DEFAULT_TORQUE 0.2 ///< [N m]
 
 /// When the watchdog in front of the output stage acts. Each: 0 asks for the default; values out of
-/// range are refused, so that it cannot be turned off. Rules: haptic/watchdog.h.
+/// range are refused, so that it cannot be turned off. Rules: haptic/safety/watchdog.h.
 typedef struct pal_watchdog_def {
-    double stale;     ///< a pose this old is stale, the force fades [s]; 0.001 to 1, default 0.02
-    double stall;     ///< periods without a tick: the force starts from zero [s]; 0.001 to 10, default 0.1
+    double stale; ///< a pose this old is stale, the force fades [s]; 0.001 to 1, default 0.02
+    double
+        stall; ///< periods without a tick: the force starts from zero [s]; 0.001 to 10, default 0.1
     double latch;     ///< stale or stalled this long latches [s]; 0.001 to 60, default 1
     double speed;     ///< a pose that moves faster jumps [m/s]; up to 1000, default: the device
                       ///< spec's max_speed, else 20; never above the former
@@ -129,8 +132,9 @@ typedef struct pal_watchdog_def {
 } pal_watchdog_def;
 
 /// Default virtual coupling of a scene's tools whose device feels the force back (simulated, or the
-/// host's), measured by bench/stability: no growth on organs from 1 kPa to 1 MPa, with and without a
-/// hand, on devices with and without friction. Its damping is stiffness x period (1 N s/m at 1 kHz).
+/// host's), measured by bench/stability: no growth on organs from 1 kPa to 1 MPa, with and without
+/// a hand, on devices with and without friction. Its damping is stiffness x period (1 N s/m at 1
+/// kHz).
 #define PALPATE_DEFAULT_COUPLING_STIFFNESS 1000.0 ///< [N/m]
 
 /// One tool of a scene. Positions are in the body's frame.
@@ -144,7 +148,8 @@ typedef struct pal_tool_def {
     double coupling_stiffness; ///< virtual coupling [N/m]; 0: none (rigid)
     double coupling_damping;   ///< [N s/m]
     pal_tool_limits limits;
-    pal_device_spec spec; ///< what its device can bear; a session takes the lesser of this and the device's own
+    pal_device_spec
+        spec; ///< what its device can bear; a session takes the lesser of this and the device's own
     double start[3]; ///< tool origin when it just touches [m]
     double axis[3];  ///< pressing direction, unit
     int has_start;   ///< 1 when the scene gave `start`
@@ -154,8 +159,8 @@ typedef struct pal_tool_def {
 /// Who computes the displacement field (Eq. 53) of a frame.
 typedef enum pal_field_by {
     PALPATE_FIELD_BY_SERVO = 0, ///< the servo, after the force has gone out; a reader only takes it
-    /// whoever takes the frame, on its own thread and at its own rate: the servo publishes the nodal
-    /// forces alone, O(m) a tick however large the body
+    /// whoever takes the frame, on its own thread and at its own rate: the servo publishes the
+    /// nodal forces alone, O(m) a tick however large the body
     PALPATE_FIELD_BY_READER = 1
 } pal_field_by;
 
@@ -163,12 +168,12 @@ typedef enum pal_field_by {
 typedef struct pal_runtime_config {
     int32_t tool_count;
     pal_tool_def tools[PALPATE_TOOLS_MAX];
-    double servo_rate;    ///< [Hz]
-    double render_rate;   ///< [Hz]
-    int32_t max_contacts; ///< contact points an engine keeps; more are reduced and counted
+    double servo_rate;            ///< [Hz]
+    double render_rate;           ///< [Hz]
+    int32_t max_contacts;         ///< contact points an engine keeps; more are reduced and counted
     pal_contact_kind contact_law; ///< contact law of the engine
     int32_t contact_points;       ///< contact points of one tool; 0: the engine's default
-    pal_field_by field_by; ///< the scene's `render: {field: servo | render}`
+    pal_field_by field_by;        ///< the scene's `render: {field: servo | render}`
     pal_watchdog_def watchdog;
 } pal_runtime_config;
 

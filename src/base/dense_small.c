@@ -4,7 +4,7 @@
 /// recomputed at every step (cheap at this size, and free of the downdating's cancellation). Row
 /// sorting: A. J. Cox and N. J. Higham, "Stability of Householder QR factorization for weighted
 /// least squares problems", 1998.
-#include "src/dense_small.h"
+#include "src/base/dense_small.h"
 
 #include <math.h>
 #include <string.h>

@@ -4,7 +4,7 @@
 /// raise SIGPIPE when the child dies: the library never touches a host's signals), one pipe its
 /// standard error. A single poll loop writes, reads and reports progress, so neither side can block
 /// the other. The child is always reaped. Thread: any; each call has its own process.
-#include "src/helper.h"
+#include "src/base/helper.h"
 
 #include <dlfcn.h>
 #include <errno.h>
@@ -20,7 +20,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 extern char **environ;
 
@@ -71,8 +71,8 @@ pal_status pal_helper_path(const pal_helper_kind *kind, char *path, size_t size,
             return PALPATE_OK;
         }
         return pal_fail(error, PALPATE_ERROR_SYSTEM,
-                        "%s: %s is not an executable file; unset it or name %s", kind->variable, named,
-                        kind->name);
+                        "%s: %s is not an executable file; unset it or name %s", kind->variable,
+                        named, kind->name);
     }
     char file[1024];
     static const char anchor = 0; // lies in this library or program
@@ -90,10 +90,11 @@ pal_status pal_helper_path(const pal_helper_kind *kind, char *path, size_t size,
             return PALPATE_OK;
         }
     }
-    return pal_fail(error, PALPATE_ERROR_SYSTEM,
-                    "%s: not found beside the library or the program nor in ../libexec/palpate; install "
-                    "it or set %s to its path",
-                    kind->name, kind->variable);
+    return pal_fail(
+        error, PALPATE_ERROR_SYSTEM,
+        "%s: not found beside the library or the program nor in ../libexec/palpate; install "
+        "it or set %s to its path",
+        kind->name, kind->variable);
 }
 
 pal_status pal_helper_start(pal_helper *t, const pal_helper_kind *kind, int file, int seconds,
@@ -109,13 +110,15 @@ pal_status pal_helper_start(pal_helper *t, const pal_helper_kind *kind, int file
     int pair[2] = {-1, -1}, log[2] = {-1, -1};
     posix_spawn_file_actions_t actions;
     int failed = 0;
-    if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair) != 0 || pipe2(log, O_CLOEXEC) != 0 ||
-        posix_spawn_file_actions_init(&actions) != 0) {
+    if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair) != 0 ||
+        pipe2(log, O_CLOEXEC) != 0 || posix_spawn_file_actions_init(&actions) != 0) {
         failed = errno ? errno : ENOMEM;
     } else {
         failed = posix_spawn_file_actions_adddup2(&actions, pair[1], STDIN_FILENO);
-        failed = failed ? failed : posix_spawn_file_actions_adddup2(&actions, pair[1], STDOUT_FILENO);
-        failed = failed ? failed : posix_spawn_file_actions_adddup2(&actions, log[1], STDERR_FILENO);
+        failed =
+            failed ? failed : posix_spawn_file_actions_adddup2(&actions, pair[1], STDOUT_FILENO);
+        failed =
+            failed ? failed : posix_spawn_file_actions_adddup2(&actions, log[1], STDERR_FILENO);
         if (file >= 0) { // last: the others may not be in its place any more
             failed = failed ? failed
                             : posix_spawn_file_actions_adddup2(&actions, file, PALPATE_HELPER_FILE);
@@ -168,8 +171,8 @@ int pal_helper_finish(pal_helper *t, int kill_it) {
 void pal_helper_fate(const pal_helper *t, int state, char *text, size_t size) {
     (void)snprintf(text, size, "%s: it ended in the middle of its work (%s %d)%s%s", t->kind->name,
                    WIFSIGNALED(state) ? "signal" : "exit status",
-                   WIFSIGNALED(state) ? WTERMSIG(state) : WEXITSTATUS(state), t->last[0] ? ": " : "",
-                   t->last);
+                   WIFSIGNALED(state) ? WTERMSIG(state) : WEXITSTATUS(state),
+                   t->last[0] ? ": " : "", t->last);
 }
 
 void pal_helper_printable(char *text, size_t size) {
@@ -245,16 +248,18 @@ pal_status pal_helper_transfer(pal_helper *t, const void *from, void *to, size_t
         }
         if (progress != NULL && progress->call != NULL &&
             progress->call(progress->user, "cloud", 0.2 + 0.75 * t->fraction, -1.0) != 0) {
-            return pal_fail(error, PALPATE_ERROR_CANCELLED, "cloud: cancelled while filling the body");
+            return pal_fail(error, PALPATE_ERROR_CANCELLED,
+                            "cloud: cancelled while filling the body");
         }
         pal_status status = late(t, error);
         if (status != PALPATE_OK) {
             return status;
         }
         if (ready > 0 && watch[0].revents) {
-            ssize_t n = from != NULL ? send(t->channel, (const char *)from + done, size - done,
-                                            MSG_NOSIGNAL | MSG_DONTWAIT)
-                                     : recv(t->channel, (char *)to + done, size - done, MSG_DONTWAIT);
+            ssize_t n = from != NULL
+                            ? send(t->channel, (const char *)from + done, size - done,
+                                   MSG_NOSIGNAL | MSG_DONTWAIT)
+                            : recv(t->channel, (char *)to + done, size - done, MSG_DONTWAIT);
             if (n > 0) {
                 done += (size_t)n;
             } else if (n == 0 || (errno != EINTR && errno != EAGAIN)) {

@@ -29,11 +29,13 @@ typedef struct pal_helper {
     double fraction;
 } pal_helper;
 
-/// Where the program is: its variable, else next to this library or program, else ../libexec/palpate.
+/// Where the program is: its variable, else next to this library or program, else
+/// ../libexec/palpate.
 /// @return PALPATE_OK; _SYSTEM
 pal_status pal_helper_path(const pal_helper_kind *kind, char *path, size_t size, pal_error *error);
 
-/// Start it. @param file  becomes descriptor PALPATE_HELPER_FILE of the child; -1: none. Not 0, 1, 2.
+/// Start it. @param file  becomes descriptor PALPATE_HELPER_FILE of the child; -1: none. Not 0,
+/// 1, 2.
 /// @param seconds  until transfers fail; 0: never. @return PALPATE_OK; _SYSTEM
 pal_status pal_helper_start(pal_helper *h, const pal_helper_kind *kind, int file, int seconds,
                             pal_error *error);

@@ -1,4 +1,5 @@
-/// @file pipe.h  Whole reads and writes on a pipe, for the helper processes (private to src/mesher and src/reader).
+/// @file pipe.h  Whole reads and writes on a pipe, for the helper processes (private to src/mesher
+/// and src/reader).
 ///
 /// Inline, as the helpers link nothing of the libraries.
 #ifndef PALPATE_SRC_PIPE_H

@@ -44,7 +44,8 @@ static inline void v3_copy(const double a[3], double out[3]) {
 }
 
 /// Area vector of triangle abc times two.
-static inline void v3_normal(const double a[3], const double b[3], const double c[3], double out[3]) {
+static inline void v3_normal(const double a[3], const double b[3], const double c[3],
+                             double out[3]) {
     double u[3], v[3];
     v3_sub(b, a, u);
     v3_sub(c, a, v);

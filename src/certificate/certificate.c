@@ -1,22 +1,22 @@
 /// @file certificate.c  Reciprocity, passivity, residuals: what a model says about itself.
-#include "src/certificate.h"
+#include "src/certificate/certificate.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/contact_stiffness.h"
-#include "src/repair.h"
+#include "haptic/base/error.h"
+#include "src/certificate/contact_stiffness.h"
+#include "src/certificate/repair.h"
 
 enum { CONTACT_SAMPLES = 8, CONTACT_NODES = 12, CONTACT_NODES_MAX = 512 };
 
 /// Gates. The residual of a column is far below what any force needs; above 1e-8 the factorization
 /// itself is in doubt.
 static const double RESIDUAL_GATE = 1e-8;
-/// repair: positive: smallest eigenvalue allowed, relative to the largest. Contacts of a few nodes feel
-/// 1e-3 and above; what is clipped below this is noise.
+/// repair: positive: smallest eigenvalue allowed, relative to the largest. Contacts of a few nodes
+/// feel 1e-3 and above; what is clipped below this is noise.
 static const double REPAIR_FLOOR = 1e-6;
 /// Stencils with a scaled condition above this reproduce nothing.
 static const double STENCIL_GATE = 1e12;
@@ -50,7 +50,7 @@ void pal_symmetrize(double *c, int64_t n) {
 
 /// What the sampled contacts say of the raw and of the stored block.
 typedef struct contact_samples {
-    const double *raw, *stored; ///< (3 columns x 3 columns)
+    const double *raw, *stored;                 ///< (3 columns x 3 columns)
     double force_change, loop_raw, loop_stored; ///< worst so far; negative: none
 } contact_samples;
 
@@ -129,11 +129,12 @@ static pal_status repair_and_sample(pal_repair repair, pal_model *model, pal_err
     pal_certificate *c = &model->info.certificate;
     int64_t n = 3 * (int64_t)model->info.column_count;
     double *raw = NULL;
-    if (repair != PALPATE_REPAIR_NONE && c->reciprocity > 1e-12) { // below: rounding, nothing to compare
+    if (repair != PALPATE_REPAIR_NONE &&
+        c->reciprocity > 1e-12) { // below: rounding, nothing to compare
         raw = malloc((size_t)(n * n) * sizeof *raw);
         if (raw == NULL) {
-            return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for a copy of C_TT (%.2f GB)",
-                            8e-9 * (double)(n * n));
+            return pal_fail(error, PALPATE_ERROR_MEMORY,
+                            "out of memory for a copy of C_TT (%.2f GB)", 8e-9 * (double)(n * n));
         }
         memcpy(raw, model->c_tt, (size_t)(n * n) * sizeof *raw);
     }
@@ -164,30 +165,34 @@ static void judge(pal_certificate *c, const pal_model *m, int finite) {
     if (!finite) {
         (void)snprintf(r, size, "the compliance has entries that are not finite");
     } else if (!(c->solve_residual <= RESIDUAL_GATE)) {
-        (void)snprintf(r, size,
-                       "the solved columns do not satisfy the equations (residual %.1e, allowed %.0e): the "
-                       "system is too ill-conditioned (rcond %.1e); hold the body better or use "
-                       "method: {kind: galerkin}",
-                       c->solve_residual, RESIDUAL_GATE, c->rcond);
+        (void)snprintf(
+            r, size,
+            "the solved columns do not satisfy the equations (residual %.1e, allowed %.0e): the "
+            "system is too ill-conditioned (rcond %.1e); hold the body better or use "
+            "method: {kind: galerkin}",
+            c->solve_residual, RESIDUAL_GATE, c->rcond);
     } else if (!(c->mls_worst_condition <= STENCIL_GATE)) {
-        (void)snprintf(r, size,
-                       "a moving-least-squares stencil at (%.6g, %.6g, %.6g) m has condition %.1e (allowed "
-                       "%.0e): use more neighbours (method.neighbours) or a more even cloud",
-                       c->mls_worst_point[0], c->mls_worst_point[1], c->mls_worst_point[2],
-                       c->mls_worst_condition, STENCIL_GATE);
+        (void)snprintf(
+            r, size,
+            "a moving-least-squares stencil at (%.6g, %.6g, %.6g) m has condition %.1e (allowed "
+            "%.0e): use more neighbours (method.neighbours) or a more even cloud",
+            c->mls_worst_point[0], c->mls_worst_point[1], c->mls_worst_point[2],
+            c->mls_worst_condition, STENCIL_GATE);
     } else if (isnan(c->min_eigenvalue_ratio)) {
         (void)snprintf(r, size,
-                       "the extreme eigenvalues of the touchable compliance did not converge, so nothing is known "
+                       "the extreme eigenvalues of the touchable compliance did not converge, so "
+                       "nothing is known "
                        "of its passivity; narrow body.touchable or use another method");
     } else if (!(c->min_eigenvalue_ratio > 0.0)) {
-        (void)snprintf(r, size,
-                       "the symmetric part of the touchable compliance is not positive definite (smallest "
-                       "over largest eigenvalue %.1e): it would feed energy into the hand; %s",
-                       c->min_eigenvalue_ratio,
-                       strcmp(method, "point") == 0
-                           ? "point collocation does this on graded clouds and for nu near 0.5: use "
-                             "method: {kind: cell} or {kind: galerkin}"
-                           : "use a finer body.spacing, method: {kind: galerkin} or repair: positive");
+        (void)snprintf(
+            r, size,
+            "the symmetric part of the touchable compliance is not positive definite (smallest "
+            "over largest eigenvalue %.1e): it would feed energy into the hand; %s",
+            c->min_eigenvalue_ratio,
+            strcmp(method, "point") == 0
+                ? "point collocation does this on graded clouds and for nu near 0.5: use "
+                  "method: {kind: cell} or {kind: galerkin}"
+                : "use a finer body.spacing, method: {kind: galerkin} or repair: positive");
     } else {
         c->pass = 1;
         r[0] = '\0';

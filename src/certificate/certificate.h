@@ -2,10 +2,10 @@
 #ifndef PALPATE_SRC_CERTIFICATE_H
 #define PALPATE_SRC_CERTIFICATE_H
 
-#include "haptic/model.h"
-#include "src/compliance.h"
-#include "src/discretization.h"
-#include "src/factor.h"
+#include "haptic/model/model.h"
+#include "src/solution/compliance.h"
+#include "src/discretization/discretization.h"
+#include "src/solution/factor.h"
 
 /// What is stored instead of the raw block; the values are those of the scene's `repair`.
 typedef enum pal_repair {
@@ -29,8 +29,8 @@ double pal_reciprocity_error(const double *c, int64_t n);
 /// C <- (C + C^T) / 2.
 void pal_symmetrize(double *c, int64_t n);
 
-/// Extreme eigenvalues of the symmetric part of C (n x n): dense for small n, Lanczos (ARPACK) else;
-/// the smallest through a Cholesky factorization when there is one.
+/// Extreme eigenvalues of the symmetric part of C (n x n): dense for small n, Lanczos (ARPACK)
+/// else; the smallest through a Cholesky factorization when there is one.
 /// @param[out] positive  1 when the Cholesky factorization of the symmetric part succeeded
 /// @return PALPATE_OK; _MEMORY
 pal_status pal_extreme_eigenvalues(const double *c, int64_t n, double *smallest, double *largest,

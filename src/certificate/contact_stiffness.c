@@ -1,5 +1,5 @@
 /// @file contact_stiffness.c  Stiffness of a bonded contact and its work around closed paths.
-#include "src/contact_stiffness.h"
+#include "src/certificate/contact_stiffness.h"
 
 #include <lapacke.h>
 #include <math.h>
@@ -8,8 +8,8 @@
 
 enum { PATH_STEPS = 360 };
 
-pal_status pal_contact_stiffness(const double *c, int64_t columns, const int32_t *set, int32_t count,
-                                 double a[9]) {
+pal_status pal_contact_stiffness(const double *c, int64_t columns, const int32_t *set,
+                                 int32_t count, double a[9]) {
     int64_t n = 3 * (int64_t)count, t = 3 * columns;
     double *block = malloc((size_t)(n * n + 3 * n) * sizeof *block);
     lapack_int *pivot = malloc((size_t)n * sizeof *pivot);
@@ -46,7 +46,8 @@ static void path(int kind, double s, double u[3]) {
     if (kind < 3) { // circle in the plane normal to axis `kind`
         u[(kind + 1) % 3] = cos(s);
         u[(kind + 2) % 3] = sin(s);
-    } else { // figure eight folded along its waist: one lobe in the xy plane, the other in the xz plane
+    } else { // figure eight folded along its waist: one lobe in the xy plane, the other in the xz
+             // plane
         double x = sin(s), y = sin(s) * cos(s);
         u[0] = x;
         u[1] = x >= 0.0 ? y : 0.0;
@@ -69,7 +70,8 @@ double pal_loop_energy(const double a[9]) {
         path(kind, 0.0, u);
         for (int k = 1; k <= PATH_STEPS; k++) {
             path(kind, 2.0 * M_PI * k / PATH_STEPS, v);
-            for (int i = 0; i < 3; i++) { // the force at the middle of the step is exact for linear F
+            for (int i = 0; i < 3;
+                 i++) { // the force at the middle of the step is exact for linear F
                 for (int j = 0; j < 3; j++) {
                     work += a[3 * i + j] * 0.5 * (u[j] + v[j]) * (v[i] - u[i]);
                 }

@@ -5,7 +5,7 @@
 /// clustered, so it is found as the large end of the inverse, through the Cholesky factor that the
 /// certificate needs anyway. Without one (indefinite), plain Lanczos on the small end: it need only
 /// tell how negative it is.
-#include "src/certificate.h"
+#include "src/certificate/certificate.h"
 
 #include <arpack/arpack.h>
 #include <cblas.h>
@@ -15,15 +15,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 enum { DENSE_BELOW = 96 };
 
 /// ARPACK keeps Fortran SAVE variables: one user at a time.
 static pthread_mutex_t arpack_lock = PTHREAD_MUTEX_INITIALIZER;
 
-/// ARPACK's Fortran routine: its C binding dseupd_c allocates inside and crashes without memory. Lengths
-/// of the strings are passed last, as gfortran does.
+/// ARPACK's Fortran routine: its C binding dseupd_c allocates inside and crashes without memory.
+/// Lengths of the strings are passed last, as gfortran does.
 extern void dseupd_(const a_int *rvec, const char *howmny, a_int *select, double *d, double *z,
                     const a_int *ldz, const double *sigma, const char *bmat, const a_int *n,
                     const char *which, const a_int *nev, const double *tol, double *resid,
@@ -43,11 +43,13 @@ static void apply(const double *a, int64_t n, int inverse, const double *x, doub
 }
 
 /// One extreme eigenvalue by implicitly restarted Lanczos. `which`: "LA" largest, "SA" smallest.
-static pal_status lanczos(const double *a, int64_t n, int inverse, const char *which, double *value) {
+static pal_status lanczos(const double *a, int64_t n, int inverse, const char *which,
+                          double *value) {
     a_int ncv = n < 40 ? (a_int)n : 40, lworkl = ncv * (ncv + 8), ido = 0, info = 1;
     a_int iparam[11] = {1, 0, 300, 1, 0, 0, 1}, ipntr[11] = {0};
     double *v = malloc((size_t)n * (size_t)ncv * sizeof *v);
-    double *resid = malloc((size_t)n * sizeof *resid), *workd = malloc(3 * (size_t)n * sizeof *workd);
+    double *resid = malloc((size_t)n * sizeof *resid),
+           *workd = malloc(3 * (size_t)n * sizeof *workd);
     double *workl = malloc((size_t)lworkl * sizeof *workl);
     a_int *select = malloc((size_t)ncv * sizeof *select);
     pal_status status = PALPATE_ERROR_MEMORY;
@@ -69,8 +71,8 @@ static pal_status lanczos(const double *a, int64_t n, int inverse, const char *w
             const a_int no = 0, one = 1, rows = (a_int)n;
             const double shift = 0.0, tolerance = 1e-6;
             double d[1] = {0.0};
-            dseupd_(&no, "A", select, d, v, &rows, &shift, "I", &rows, which, &one, &tolerance, resid,
-                    &ncv, v, &rows, iparam, ipntr, workd, workl, &lworkl, &info, 1, 1, 2);
+            dseupd_(&no, "A", select, d, v, &rows, &shift, "I", &rows, which, &one, &tolerance,
+                    resid, &ncv, v, &rows, iparam, ipntr, workd, workl, &lworkl, &info, 1, 1, 2);
             *value = d[0];
             status = info == 0 ? PALPATE_OK : PALPATE_ERROR_SINGULAR;
         }
@@ -91,7 +93,8 @@ pal_status pal_extreme_eigenvalues(const double *c, int64_t n, double *smallest,
     double *a = malloc((size_t)n * (size_t)n * sizeof *a);
     if (a == NULL) {
         return pal_fail(error, PALPATE_ERROR_MEMORY,
-                        "out of memory for the eigenvalues of C_TT (%.2f GB)", 8e-9 * (double)(n * n));
+                        "out of memory for the eigenvalues of C_TT (%.2f GB)",
+                        8e-9 * (double)(n * n));
     }
     for (int64_t j = 0; j < n; j++) {
         for (int64_t i = 0; i < n; i++) {

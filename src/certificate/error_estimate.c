@@ -1,12 +1,12 @@
 /// @file error_estimate.c  Two clouds, one difference (see error_estimate.h).
-#include "src/error_estimate.h"
+#include "src/certificate/error_estimate.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/contact_stiffness.h"
+#include "haptic/base/error.h"
+#include "src/certificate/contact_stiffness.h"
 
 pal_status pal_estimate_scene(const pal_scene *scene, pal_scene *coarse, pal_error *error) {
     *coarse = *scene;
@@ -49,9 +49,10 @@ double pal_estimate_error(const pal_model *fine, const pal_model *coarse) {
     for (int32_t p = 0; p < fine->info.patch_count; p++) {
         double a[9], b[9];
         const pal_patch *f = &fine->patch[p], *c = &coarse->patch[p];
-        if (pal_contact_stiffness(fine->c_tt, fine->info.column_count, f->column, f->count, a) != PALPATE_OK ||
-            pal_contact_stiffness(coarse->c_tt, coarse->info.column_count, c->column, c->count, b) !=
-                PALPATE_OK) {
+        if (pal_contact_stiffness(fine->c_tt, fine->info.column_count, f->column, f->count, a) !=
+                PALPATE_OK ||
+            pal_contact_stiffness(coarse->c_tt, coarse->info.column_count, c->column, c->count,
+                                  b) != PALPATE_OK) {
             continue;
         }
         for (int axis = 0; axis < 3; axis++) {

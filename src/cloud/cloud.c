@@ -1,16 +1,16 @@
 /// @file cloud.c  What follows from nodes, triangles and tetrahedra: normals, areas, cell volumes.
 ///
 /// Median dual (design 2.2): a node owns a quarter of each of its tetrahedra and a third of each of
-/// its surface triangles. Area vectors (not normal x area) are kept because only they add up to zero
-/// over a closed surface, edges and corners included. Sums run in element order, so the same cloud
-/// gives the same bits. Thread: any, one cloud per thread.
-#include "src/cloud.h"
+/// its surface triangles. Area vectors (not normal x area) are kept because only they add up to
+/// zero over a closed surface, edges and corners included. Sums run in element order, so the same
+/// cloud gives the same bits. Thread: any, one cloud per thread.
+#include "src/cloud/cloud.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 typedef struct face {
     int32_t node[3]; ///< ascending
@@ -101,9 +101,10 @@ static pal_status check_indices(const pal_cloud *c, pal_error *error) {
     if (c->node_count < 4 || c->surface_count < 4 || c->surface_count > c->node_count ||
         c->tet_count < 1 || c->triangle_count < 4 || c->position == NULL || c->tet == NULL ||
         c->triangle == NULL) {
-        return pal_fail(error, PALPATE_ERROR_CLOUD,
-                        "cloud: %d nodes, %d on the surface, %d triangles, %d tetrahedra: not a body",
-                        c->node_count, c->surface_count, c->triangle_count, c->tet_count);
+        return pal_fail(
+            error, PALPATE_ERROR_CLOUD,
+            "cloud: %d nodes, %d on the surface, %d triangles, %d tetrahedra: not a body",
+            c->node_count, c->surface_count, c->triangle_count, c->tet_count);
     }
     for (size_t i = 0; i < 3 * (size_t)c->node_count; i++) {
         if (!isfinite(c->position[i])) {
@@ -113,8 +114,9 @@ static pal_status check_indices(const pal_cloud *c, pal_error *error) {
     }
     for (size_t i = 0; i < 4 * (size_t)c->tet_count; i++) {
         if (c->tet[i] < 0 || c->tet[i] >= c->node_count) {
-            return pal_fail(error, PALPATE_ERROR_CLOUD, "cloud: tetrahedron %zu names node %d of %d",
-                            i / 4, c->tet[i], c->node_count);
+            return pal_fail(error, PALPATE_ERROR_CLOUD,
+                            "cloud: tetrahedron %zu names node %d of %d", i / 4, c->tet[i],
+                            c->node_count);
         }
     }
     for (size_t i = 0; i < 3 * (size_t)c->triangle_count; i++) {
@@ -127,8 +129,8 @@ static pal_status check_indices(const pal_cloud *c, pal_error *error) {
     return PALPATE_OK;
 }
 
-/// The triangles must be exactly the tetrahedra's boundary, with the same orientation: then they are
-/// closed and outward because the tetrahedra are positive.
+/// The triangles must be exactly the tetrahedra's boundary, with the same orientation: then they
+/// are closed and outward because the tetrahedra are positive.
 static pal_status check_boundary(const pal_cloud *c, pal_error *error) {
     static const int side[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; // outward
     size_t count = 4 * (size_t)c->tet_count, triangles = (size_t)c->triangle_count;
@@ -153,14 +155,14 @@ static pal_status check_boundary(const pal_cloud *c, pal_error *error) {
     for (size_t i = 0; i < count && status == PALPATE_OK; i += 2) {
         int paired = i + 1 < count && all[i].sign == -all[i + 1].sign &&
                      memcmp(all[i].node, all[i + 1].node, sizeof all[i].node) == 0;
-        int thrice = i + 2 < count &&
-                     memcmp(all[i].node, all[i + 2].node, sizeof all[i].node) == 0;
+        int thrice = i + 2 < count && memcmp(all[i].node, all[i + 2].node, sizeof all[i].node) == 0;
         if (!paired || thrice) {
             const double *x = c->position + 3 * (size_t)all[i].node[0];
-            status = pal_fail(error, PALPATE_ERROR_CLOUD,
-                              "cloud: face (%d, %d, %d) near (%g, %g, %g) (normalised) is not shared "
-                              "by two cells or by one cell and the surface with one orientation",
-                              all[i].node[0], all[i].node[1], all[i].node[2], x[0], x[1], x[2]);
+            status =
+                pal_fail(error, PALPATE_ERROR_CLOUD,
+                         "cloud: face (%d, %d, %d) near (%g, %g, %g) (normalised) is not shared "
+                         "by two cells or by one cell and the surface with one orientation",
+                         all[i].node[0], all[i].node[1], all[i].node[2], x[0], x[1], x[2]);
         }
     }
     free(all);

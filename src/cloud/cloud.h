@@ -37,7 +37,8 @@ void pal_cloud_clear(pal_cloud *cloud);
 /// (allocates them; what was there is freed first). Checks indices, orientation of every
 /// tetrahedron, that the triangles are exactly the tetrahedra's boundary, closed and outward, that
 /// every node has a tetrahedron and that the first surface_count nodes, and no others, are on it.
-/// @return PALPATE_OK; PALPATE_ERROR_CLOUD (located, in normalised coordinates); PALPATE_ERROR_MEMORY
+/// @return PALPATE_OK; PALPATE_ERROR_CLOUD (located, in normalised coordinates);
+/// PALPATE_ERROR_MEMORY
 pal_status pal_cloud_complete(pal_cloud *cloud, pal_error *error);
 
 /// Structured test cloud: box [0,sx]x[0,sy]x[0,sz] with n cells per axis, six tets a cell, inside

@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/cloud.h"
+#include "haptic/base/error.h"
+#include "src/cloud/cloud.h"
 
 typedef struct grid {
     const int *n;    ///< cells per axis
@@ -53,7 +53,8 @@ static void place_nodes(pal_cloud *c, grid *g, const double size[3], double jitt
 }
 
 static void fill_tets(pal_cloud *c, const grid *g) {
-    static const int order[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
+    static const int order[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2},
+                                    {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
     size_t tet = 0, triangle = 0;
     for (int i = 0; i < g->n[0]; i++) {
         for (int j = 0; j < g->n[1]; j++) {
@@ -107,7 +108,8 @@ static double tet_volume_moved(const double *x, const double *offset, const int3
     }
     return ((e[0][1] * e[1][2] - e[0][2] * e[1][1]) * e[2][0] +
             (e[0][2] * e[1][0] - e[0][0] * e[1][2]) * e[2][1] +
-            (e[0][0] * e[1][1] - e[0][1] * e[1][0]) * e[2][2]) / 6.0;
+            (e[0][0] * e[1][1] - e[0][1] * e[1][0]) * e[2][2]) /
+           6.0;
 }
 
 /// Halve the offsets of tetrahedra that would lose more than nine tenths of their volume.
@@ -135,10 +137,11 @@ pal_status pal_cloud_box(pal_cloud *cloud, const double size[3], const int n[3],
     }
     for (int d = 0; d < 3; d++) {
         if (!(size[d] > 0.0) || n[d] < 1 || n[d] > 512) {
-            return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                            "box cloud: size %g with %d cells along axis %d; allowed: a positive size "
-                            "and 1 to 512 cells",
-                            size[d], n[d], d);
+            return pal_fail(
+                error, PALPATE_ERROR_ARGUMENT,
+                "box cloud: size %g with %d cells along axis %d; allowed: a positive size "
+                "and 1 to 512 cells",
+                size[d], n[d], d);
         }
     }
     if (!(jitter >= 0.0 && jitter < 0.5)) {
@@ -164,7 +167,8 @@ pal_status pal_cloud_box(pal_cloud *cloud, const double size[3], const int n[3],
     pal_status status;
     if (g.number == NULL || offset == NULL || cloud->position == NULL || cloud->triangle == NULL ||
         cloud->tet == NULL) {
-        status = pal_fail(error, PALPATE_ERROR_MEMORY, "box cloud: no memory for %zu nodes", points);
+        status =
+            pal_fail(error, PALPATE_ERROR_MEMORY, "box cloud: no memory for %zu nodes", points);
     } else {
         place_nodes(cloud, &g, size, jitter, seed, offset);
         fill_tets(cloud, &g);

@@ -1,22 +1,23 @@
 /// @file cloud_build.c  From a scene to its node cloud.
 ///
 /// (A) a closed triangulation of the body whose edges follow sharp edges and patch rims, with the
-/// spacing wanted (remesh.c); (B) tetrahedra inside it (palpate-mesher), improved (tet_improve.c). Nodes are then put into a
-/// fixed order: surface first, both parts along a Morton curve, so that near nodes are near in memory
-/// and the order does not depend on how the mesh came about. Thread: one scene, one thread.
+/// spacing wanted (remesh.c); (B) tetrahedra inside it (palpate-mesher), improved (tet_improve.c).
+/// Nodes are then put into a fixed order: surface first, both parts along a Morton curve, so that
+/// near nodes are near in memory and the order does not depend on how the mesh came about. Thread:
+/// one scene, one thread.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/geometry.h"
-#include "src/mesher_client.h"
-#include "src/rims.h"
-#include "src/scene_size.h"
-#include "src/skin.h"
-#include "src/surface.h"
-#include "src/tet_improve.h"
-#include "src/vec.h"
+#include "haptic/base/error.h"
+#include "src/geometry/geometry.h"
+#include "src/cloud/mesher_client.h"
+#include "src/cloud/rims.h"
+#include "src/scene/scene_size.h"
+#include "src/cloud/skin.h"
+#include "src/geometry/surface.h"
+#include "src/cloud/tet_improve.h"
+#include "src/base/vec.h"
 
 typedef struct node_key {
     uint64_t key;
@@ -54,7 +55,8 @@ static pal_status order_nodes(const pal_cloud *c, int32_t *order, pal_error *err
     node_key *key = malloc((size_t)c->node_count * sizeof *key);
     double low[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, extent = 0.0;
     if (key == NULL) {
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "cloud: no memory for %d nodes", c->node_count);
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "cloud: no memory for %d nodes",
+                        c->node_count);
     }
     for (int d = 0; d < 3; d++) {
         double high = -HUGE_VAL;
@@ -160,8 +162,8 @@ static pal_status check_spacing(const pal_scene *scene, const pal_body *body, pa
     return PALPATE_OK;
 }
 
-/// About how many nodes the spacing asks for: the body's box over h^3, refined balls besides (they may
-/// hide between the samples), the surface over h^2.
+/// About how many nodes the spacing asks for: the body's box over h^3, refined balls besides (they
+/// may hide between the samples), the surface over h^2.
 static double estimate_nodes(const pal_surface_mesh *m, const pal_size_field *size) {
     enum { SAMPLES = 24 };
     double low[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, step[3], sum = 0.0, cell = 1.0;
@@ -192,21 +194,23 @@ static double estimate_nodes(const pal_surface_mesh *m, const pal_size_field *si
     return sum;
 }
 
-static pal_status check_count(const pal_scene *scene, const pal_body *body, const pal_size_field *size,
-                              pal_error *error) {
+static pal_status check_count(const pal_scene *scene, const pal_body *body,
+                              const pal_size_field *size, pal_error *error) {
     static const double MOST = 1e7;
     double nodes = estimate_nodes(&body->mesh, size);
     if (!(nodes <= MOST)) {
         char place[1400];
-        return pal_fail(error, PALPATE_ERROR_CLOUD,
-                        "%s: with its refinements it asks for about %.2g nodes, at most %.2g are built; use "
-                        "a coarser spacing or smaller refined zones",
-                        pal_place_text(scene, &scene->spacing_place, place, sizeof place), nodes, MOST);
+        return pal_fail(
+            error, PALPATE_ERROR_CLOUD,
+            "%s: with its refinements it asks for about %.2g nodes, at most %.2g are built; use "
+            "a coarser spacing or smaller refined zones",
+            pal_place_text(scene, &scene->spacing_place, place, sizeof place), nodes, MOST);
     }
     return PALPATE_OK;
 }
 
-/// Surface files: refuse spacings that ask for absurdly many nodes (the scene did it for primitives).
+/// Surface files: refuse spacings that ask for absurdly many nodes (the scene did it for
+/// primitives).
 static pal_status check_size(pal_scene *scene, const pal_body *body, pal_error *error) {
     double low[3] = {INFINITY, INFINITY, INFINITY};
     double high[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -225,7 +229,8 @@ static pal_status check_size(pal_scene *scene, const pal_body *body, pal_error *
         }
     }
     double unit = body->length * body->length * body->length;
-    return body->is_file ? pal_scene_check_size(scene, low, high, volume * unit, error) : PALPATE_OK;
+    return body->is_file ? pal_scene_check_size(scene, low, high, volume * unit, error)
+                         : PALPATE_OK;
 }
 
 static int cancelled(const pal_progress *progress, double fraction) {
@@ -259,8 +264,9 @@ static pal_status build(pal_scene *scene, const pal_progress *progress, pal_body
         status = pal_fail(error, PALPATE_ERROR_CANCELLED, "cloud: cancelled");
     }
     if (status == PALPATE_OK) {
-        status = body->is_file ? pal_surface_remesh(scene, body, size, progress, error)
-                               : pal_smesh_remesh(&body->mesh, &body->shape, size, 8, progress, error);
+        status = body->is_file
+                     ? pal_surface_remesh(scene, body, size, progress, error)
+                     : pal_smesh_remesh(&body->mesh, &body->shape, size, 8, progress, error);
     }
     if (status == PALPATE_OK && cancelled(progress, 0.2)) {
         status = pal_fail(error, PALPATE_ERROR_CANCELLED, "cloud: cancelled");

@@ -15,13 +15,13 @@
 /// vertex i with |p - x_i| + reach <= r_i. Where none has, all four radii are enlarged by the
 /// factor that makes it so; a node takes the largest factor of its tetrahedra. Larger radii never
 /// uncover.
-#include "src/cover.h"
+#include "src/cloud/cover.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 enum { PIECES = 8 };
 

@@ -6,7 +6,7 @@
 
 #include <palpate/status.h>
 
-#include "src/cloud.h"
+#include "src/cloud/cloud.h"
 
 typedef struct pal_cover {
     int32_t node_count;

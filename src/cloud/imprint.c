@@ -1,14 +1,14 @@
 /// @file imprint.c  Cutting the surface along a constraint, so that a rim is a chain of edges.
 ///
-/// Vertices close to the cut are moved onto it (along their own face or curve), then every edge whose
-/// ends lie strictly on two sides is split where it crosses. Splitting one edge after the other joins
-/// the new vertices by edges: the cut ends up a union of edges. Thread: one.
+/// Vertices close to the cut are moved onto it (along their own face or curve), then every edge
+/// whose ends lie strictly on two sides is split where it crosses. Splitting one edge after the
+/// other joins the new vertices by edges: the cut ends up a union of edges. Thread: one.
 #include <math.h>
 #include <stdlib.h>
 
-#include "haptic/error.h"
-#include "src/surface_mesh.h"
-#include "src/vec.h"
+#include "haptic/base/error.h"
+#include "src/geometry/surface_mesh.h"
+#include "src/base/vec.h"
 
 /// Closer than this (normalised) to the cut counts as on it: the tolerance of selectors.
 static const double ON = 1e-6;

@@ -1,11 +1,11 @@
 /// @file locate.c  Point location against the cloud's surface (see locate.h).
-#include "src/locate.h"
+#include "src/cloud/locate.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 static double dot(const double a[3], const double b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -83,7 +83,8 @@ void pal_triangle_ring_clear(pal_triangle_ring *ring) {
     memset(ring, 0, sizeof *ring);
 }
 
-pal_status pal_triangle_ring_build(const pal_cloud *cloud, pal_triangle_ring *out, pal_error *error) {
+pal_status pal_triangle_ring_build(const pal_cloud *cloud, pal_triangle_ring *out,
+                                   pal_error *error) {
     memset(out, 0, sizeof *out);
     out->start = calloc((size_t)cloud->surface_count + 2, sizeof *out->start);
     out->item = malloc((3 * (size_t)cloud->triangle_count + 1) * sizeof *out->item);
@@ -112,9 +113,9 @@ int32_t pal_cloud_nearest_triangle(const pal_cloud *cloud, const pal_triangle_ri
         for (int32_t e = ring->start[candidates[k]]; e < ring->start[candidates[k] + 1]; e++) {
             const int32_t *v = cloud->triangle + 3 * (int64_t)ring->item[e];
             double w[3];
-            double square = pal_triangle_nearest(
-                cloud->position + 3 * (int64_t)v[0], cloud->position + 3 * (int64_t)v[1],
-                cloud->position + 3 * (int64_t)v[2], x, w);
+            double square = pal_triangle_nearest(cloud->position + 3 * (int64_t)v[0],
+                                                 cloud->position + 3 * (int64_t)v[1],
+                                                 cloud->position + 3 * (int64_t)v[2], x, w);
             if (square < best_square) {
                 best_square = square;
                 best = ring->item[e];

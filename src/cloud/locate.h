@@ -1,10 +1,11 @@
-/// @file locate.h  Points against the cloud's surface: inside or outside, nearest triangle, weights.
+/// @file locate.h  Points against the cloud's surface: inside or outside, nearest triangle,
+/// weights.
 #ifndef PALPATE_SRC_LOCATE_H
 #define PALPATE_SRC_LOCATE_H
 
 #include <stdint.h>
 
-#include "src/cloud.h"
+#include "src/cloud/cloud.h"
 
 /// Generalised winding number of the surface triangles around x: 1 inside, 0 outside.
 /// Source: Van Oosterom, Strackee 1983 (solid angle of a triangle).
@@ -21,7 +22,8 @@ typedef struct pal_triangle_ring {
     int32_t *start; ///< (surface_count + 1)
     int32_t *item;  ///< triangle indices
 } pal_triangle_ring;
-pal_status pal_triangle_ring_build(const pal_cloud *cloud, pal_triangle_ring *out, pal_error *error);
+pal_status pal_triangle_ring_build(const pal_cloud *cloud, pal_triangle_ring *out,
+                                   pal_error *error);
 void pal_triangle_ring_clear(pal_triangle_ring *ring);
 
 /// Nearest surface triangle to x among the rings of the given surface nodes.

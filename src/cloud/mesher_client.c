@@ -2,13 +2,13 @@
 ///
 /// Its answer is not believed: counts, indices and coordinates are checked here. Thread: any; each
 /// call has its own process (helper.h).
-#include "src/mesher_client.h"
+#include "src/cloud/mesher_client.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 #include "src/mesher/protocol.h"
 
 static const pal_helper_kind mesher = {"palpate-mesher", "PALPATE_MESHER"};
@@ -22,10 +22,11 @@ void pal_mesh_fill_clear(pal_mesh_fill *fill) {
 static pal_status check_reply(pal_mesher_reply *reply, pal_error *error) {
     if (reply->magic != PALPATE_MESHER_MAGIC || reply->version != PALPATE_MESHER_VERSION ||
         reply->size != sizeof *reply) {
-        return pal_fail(error, PALPATE_ERROR_CLOUD,
-                        "palpate-mesher: its answer is not of version %d: library and mesher must come "
-                        "from the same build",
-                        PALPATE_MESHER_VERSION);
+        return pal_fail(
+            error, PALPATE_ERROR_CLOUD,
+            "palpate-mesher: its answer is not of version %d: library and mesher must come "
+            "from the same build",
+            PALPATE_MESHER_VERSION);
     }
     if (reply->status != 0) {
         pal_helper_printable(reply->message, sizeof reply->message);
@@ -83,7 +84,8 @@ pal_status pal_mesher_converse(pal_helper *h, const pal_mesher_request *head, co
     for (size_t i = 0; i < coordinates; i++) {
         if (!isfinite(out->inside[i])) {
             return pal_fail(error, PALPATE_ERROR_CLOUD,
-                            "palpate-mesher: node %zu of its answer is not at a finite place", i / 3);
+                            "palpate-mesher: node %zu of its answer is not at a finite place",
+                            i / 3);
         }
     }
     for (size_t i = 0; i < corners; i++) {
@@ -123,7 +125,8 @@ pal_status pal_mesher_fill(const double *x, int32_t vertex_count, const int32_t 
     pal_status status = pal_helper_start(&h, &mesher, -1, 0, error);
     if (status == PALPATE_OK) {
         status = pal_mesher_converse(&h, &head, x, triangle, source, progress, out, error);
-        int state = pal_helper_finish(&h, status != PALPATE_OK && status != PALPATE_ERROR_TRUNCATED);
+        int state =
+            pal_helper_finish(&h, status != PALPATE_OK && status != PALPATE_ERROR_TRUNCATED);
         if (status == PALPATE_ERROR_TRUNCATED) {
             char fate[512];
             pal_helper_fate(&h, state, fate, sizeof fate);

@@ -7,9 +7,9 @@
 
 #include <palpate/status.h>
 
-#include "src/helper.h"
+#include "src/base/helper.h"
 #include "src/mesher/protocol.h"
-#include "src/shape.h"
+#include "src/geometry/shape.h"
 
 typedef struct pal_mesh_fill {
     int32_t inside_count;

@@ -1,19 +1,20 @@
-/// @file rims.c  Patch rims on the body's surface (design section 4: the cloud conforms to patches).
+/// @file rims.c  Patch rims on the body's surface (design section 4: the cloud conforms to
+/// patches).
 ///
 /// The stress is singular at the rim of a bonded patch and the force follows the patch's radius, so
 /// nodes lie on the rim and the spacing grows away from it. A patch is a union of selectors; each
-/// selector's boundary is one sphere or up to six planes. The surface is cut along all of them, then
-/// the edges between a selected and an unselected triangle are the rim. An automatic rim spacing is
-/// 1/14 of the patch's radius, taken as that of a disc of the patch's area (exact for caps of a sphere,
-/// whose area is pi times the chord squared). Thread: one scene, one thread.
-#include "src/rims.h"
+/// selector's boundary is one sphere or up to six planes. The surface is cut along all of them,
+/// then the edges between a selected and an unselected triangle are the rim. An automatic rim
+/// spacing is 1/14 of the patch's radius, taken as that of a disc of the patch's area (exact for
+/// caps of a sphere, whose area is pi times the chord squared). Thread: one scene, one thread.
+#include "src/cloud/rims.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/vec.h"
+#include "haptic/base/error.h"
+#include "src/base/vec.h"
 
 static const double TOLERANCE = 1e-6; // of selectors (selector.c), body size 1
 static const double AUTO_RIM = 1.0 / 14.0;
@@ -25,8 +26,8 @@ typedef struct boundary {
     int id[SELECTOR_PLANES]; ///< constraint numbers; the selector is where all values are <= 0
 } boundary;
 
-static pal_status add_boundary(const pal_selector *s, double length, pal_shape *shape, boundary *out,
-                               pal_error *error) {
+static pal_status add_boundary(const pal_selector *s, double length, pal_shape *shape,
+                               boundary *out, pal_error *error) {
     pal_constraint c = {PALPATE_CONSTRAINT_PLANE, {0.0, 0.0, 0.0}, 0.0};
     out->count = 0;
     for (int k = 0; k < SELECTOR_PLANES; k++) {
@@ -85,8 +86,8 @@ static void select_triangles(const pal_body *body, const boundary *b, uint8_t *s
 }
 
 /// Constraints of this patch that both ends of an edge satisfy.
-static pal_constraint_set shared_constraints(const pal_body *body, const boundary *list, int32_t count,
-                                             int32_t a, int32_t b) {
+static pal_constraint_set shared_constraints(const pal_body *body, const boundary *list,
+                                             int32_t count, int32_t a, int32_t b) {
     pal_constraint_set out = pal_set_none();
     for (int32_t i = 0; i < count; i++) {
         for (int k = 0; k < list[i].count; k++) {
@@ -114,7 +115,8 @@ static void reset_sets(pal_surface_mesh *m) {
 
 static double chosen_spacing(const pal_scene *scene, const pal_scene_patch *patch, double radius,
                              double length) {
-    double h = patch->rim_spacing < 0.0 ? -patch->rim_spacing * AUTO_RIM * radius : pal_grid(patch->rim_spacing / length);
+    double h = patch->rim_spacing < 0.0 ? -patch->rim_spacing * AUTO_RIM * radius
+                                        : pal_grid(patch->rim_spacing / length);
     int explicit = patch->rim_spacing > 0.0;
     for (int32_t i = 0; i < scene->refine_count; i++) {
         const pal_refine *r = scene->refine + i;
@@ -161,7 +163,8 @@ static pal_status add_sources(const pal_body *body, const uint8_t *selected, dou
             v3_copy(m->x + 3 * (size_t)m->v[e], s.a);
             v3_copy(m->x + 3 * (size_t)pal_smesh_head(m, e), s.b);
             if (pal_size_add(size, &s) != PALPATE_OK) {
-                return pal_fail(error, PALPATE_ERROR_MEMORY, "body.patches: no memory for their rims");
+                return pal_fail(error, PALPATE_ERROR_MEMORY,
+                                "body.patches: no memory for their rims");
             }
         }
     }
@@ -248,7 +251,8 @@ static pal_status prepare(const pal_scene *scene, pal_body *body, const pal_size
                     double extent = (s->high[c] - s->low[c]) / body->length;
                     source.a[c] = source.b[c] = 0.5 * (s->low[c] + s->high[c]) / body->length;
                     source.radius += 0.25 * extent * extent;
-                    source.spacing = extent > 1e-3 ? fmin(source.spacing, extent / 6.0) : source.spacing;
+                    source.spacing =
+                        extent > 1e-3 ? fmin(source.spacing, extent / 6.0) : source.spacing;
                 }
                 source.radius = sqrt(source.radius);
             } else {
@@ -265,8 +269,9 @@ static pal_status prepare(const pal_scene *scene, pal_body *body, const pal_size
         }
     }
     if (status == PALPATE_OK) {
-        status = body->is_file ? pal_smesh_refine(&body->mesh, &body->shape, &rough, error)
-                               : pal_smesh_remesh(&body->mesh, &body->shape, &rough, 2, NULL, error);
+        status = body->is_file
+                     ? pal_smesh_refine(&body->mesh, &body->shape, &rough, error)
+                     : pal_smesh_remesh(&body->mesh, &body->shape, &rough, 2, NULL, error);
     } else {
         status = pal_fail(error, status, "body.patches: no memory for their rims");
     }
@@ -274,7 +279,8 @@ static pal_status prepare(const pal_scene *scene, pal_body *body, const pal_size
     return status;
 }
 
-pal_status pal_rims_imprint(pal_scene *scene, pal_body *body, pal_size_field *size, pal_error *error) {
+pal_status pal_rims_imprint(pal_scene *scene, pal_body *body, pal_size_field *size,
+                            pal_error *error) {
     int any = 0;
     for (int32_t p = 0; p < scene->patch_count; p++) {
         any |= has_rim(scene, scene->patch + p);

@@ -15,8 +15,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/scene_check.h"
+#include "haptic/base/error.h"
+#include "src/cloud/scene_check.h"
 
 /// Fixed nodes nearer to a line than this many body sizes count as on it.
 static const double LINE = 1e-4;

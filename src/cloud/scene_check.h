@@ -3,9 +3,9 @@
 #ifndef PALPATE_SRC_SCENE_CHECK_H
 #define PALPATE_SRC_SCENE_CHECK_H
 
-#include "haptic/model.h"
-#include "src/cloud.h"
-#include "src/scene.h"
+#include "haptic/model/model.h"
+#include "src/cloud/cloud.h"
+#include "src/scene/scene.h"
 
 /// Sets of surface nodes. `fixed` wins over touchable and patches.
 typedef struct pal_node_sets {

@@ -6,17 +6,17 @@
 /// x lies on the cloud's surface. The file's numbering is kept because texture coordinates and
 /// everything else that the host knows about a vertex are addressed by it. Exporters write a vertex
 /// twice where textures are cut; those twins share one normal, so that no cut shows. Thread: one.
-#include "src/skin.h"
+#include "src/cloud/skin.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/bvh.h"
-#include "src/locate.h"
-#include "src/surface.h"
-#include "src/vec.h"
+#include "haptic/base/error.h"
+#include "src/geometry/bvh.h"
+#include "src/cloud/locate.h"
+#include "src/geometry/surface.h"
+#include "src/base/vec.h"
 
 void pal_skin_clear(pal_skin_source *skin) {
     free(skin->position);

@@ -2,10 +2,10 @@
 #ifndef PALPATE_SRC_SKIN_H
 #define PALPATE_SRC_SKIN_H
 
-#include "haptic/model.h"
-#include "src/cloud.h"
-#include "src/geometry.h"
-#include "src/scene.h"
+#include "haptic/model/model.h"
+#include "src/cloud/cloud.h"
+#include "src/geometry/geometry.h"
+#include "src/scene/scene.h"
 
 /// The scene's render mesh in metres: its `skin`, else the surface file the body was made from,
 /// else nothing (PALPATE_OK, no vertices). Vertices are numbered as in the file, used or not.

@@ -1,21 +1,21 @@
 /// @file tet_improve.c  After filling: no cell between surface nodes only, rounder cells.
 ///
-/// A tetrahedron with four surface nodes has no inside node to carry its balance. In a convex edge of
-/// the body two surface triangles meet in one tetrahedron ("ear"); splitting the inner edge between
-/// their far corners puts a node at half depth and leaves two sound tetrahedra. Afterwards every inside
-/// node tries the centroid of its neighbours and small steps around it and keeps what makes its worst
-/// tetrahedron best. Measured on five hemispheres of 1100 to 1600 nodes (rim 0.7 mm, spacing 9.5 mm,
-/// cell method): the press force errs by 0.1 to 0.2 % with it, 0.3 to 0.7 % without; smallest dihedral
-/// angle 17 to 19 degrees against 11 to 15. Quality is 12 (3 V)^(2/3) / sum of edge^2 (1: regular). All in index order with
-/// total orders for ties. Thread: one.
-#include "src/tet_improve.h"
+/// A tetrahedron with four surface nodes has no inside node to carry its balance. In a convex edge
+/// of the body two surface triangles meet in one tetrahedron ("ear"); splitting the inner edge
+/// between their far corners puts a node at half depth and leaves two sound tetrahedra. Afterwards
+/// every inside node tries the centroid of its neighbours and small steps around it and keeps what
+/// makes its worst tetrahedron best. Measured on five hemispheres of 1100 to 1600 nodes (rim 0.7
+/// mm, spacing 9.5 mm, cell method): the press force errs by 0.1 to 0.2 % with it, 0.3 to 0.7 %
+/// without; smallest dihedral angle 17 to 19 degrees against 11 to 15. Quality is 12 (3 V)^(2/3) /
+/// sum of edge^2 (1: regular). All in index order with total orders for ties. Thread: one.
+#include "src/cloud/tet_improve.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/vec.h"
+#include "haptic/base/error.h"
+#include "src/base/vec.h"
 
 enum { SWEEPS = 6 };
 
@@ -23,11 +23,11 @@ static const int PAIR[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
 typedef struct work {
     int32_t surface_count, node_count, node_capacity, tet_count, tet_capacity;
-    double *x;       ///< (node_count x 3)
-    int32_t *tet;    ///< (tet_count x 4), positive
-    int32_t *first;  ///< (node_count) head of the node's list of tet corners; -1: none
-    int32_t *link;   ///< (tet_count x 4) next corner of the same node's list
-    uint64_t *edge;  ///< sorted surface edges, smaller node << 32 | larger
+    double *x;      ///< (node_count x 3)
+    int32_t *tet;   ///< (tet_count x 4), positive
+    int32_t *first; ///< (node_count) head of the node's list of tet corners; -1: none
+    int32_t *link;  ///< (tet_count x 4) next corner of the same node's list
+    uint64_t *edge; ///< sorted surface edges, smaller node << 32 | larger
     size_t edge_count;
 } work;
 
@@ -118,7 +118,8 @@ static void relink(work *w) {
     }
 }
 
-/// The worst tetrahedron that splitting edge ab at its middle would leave, over the worst it replaces.
+/// The worst tetrahedron that splitting edge ab at its middle would leave, over the worst it
+/// replaces.
 static double split_gain(const work *w, int32_t a, int32_t b) {
     double x[3], before = 1.0, after = 1.0;
     for (int c = 0; c < 3; c++) {

@@ -1,12 +1,12 @@
 /// @file cell_faces.c  See cell_faces.h for the geometry. Loops run in element order:
 /// deterministic.
-#include "src/cell_faces.h"
+#include "src/discretization/cell_faces.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 static const int EDGE[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 

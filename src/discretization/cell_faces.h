@@ -12,8 +12,8 @@
 
 #include <palpate/status.h>
 
-#include "src/cloud.h"
-#include "src/gradients.h"
+#include "src/cloud/cloud.h"
+#include "src/discretization/gradients.h"
 
 typedef struct pal_cell_faces {
     int32_t pair_count;

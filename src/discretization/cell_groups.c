@@ -6,12 +6,12 @@
 /// where there is no interior at all (thin parts), gathers around seeds: a maximal independent set,
 /// so that no two seeds are neighbours and every other node has one beside it. Everything goes in
 /// node order.
-#include "src/cell_groups.h"
+#include "src/discretization/cell_groups.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 enum { NO_GROUP = -1 };
 

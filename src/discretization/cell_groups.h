@@ -6,9 +6,9 @@
 
 #include <palpate/status.h>
 
-#include "src/cell_faces.h"
-#include "src/cloud.h"
-#include "src/gradients.h"
+#include "src/discretization/cell_faces.h"
+#include "src/cloud/cloud.h"
+#include "src/discretization/gradients.h"
 
 /// Gather the nodes into groups, one for each interior node and about one for every six nodes where
 /// there is no interior (cell_groups.c). A group is connected and every node has one.

@@ -1,12 +1,12 @@
 /// @file cell_rows.c  Rows are collected as columns of the transpose and transposed at the end by
 /// counting: memory is the matrix twice, never a list of triplets (a nodal volumetric term would
 /// need some hundred of them per entry).
-#include "src/cell_rows.h"
+#include "src/discretization/cell_rows.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 static pal_status no_memory(pal_error *error) {
     return pal_fail(error, PALPATE_ERROR_MEMORY,

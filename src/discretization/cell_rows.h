@@ -10,9 +10,9 @@
 
 #include <palpate/status.h>
 
-#include "src/cloud.h"
-#include "src/discretization.h"
-#include "src/gradients.h"
+#include "src/cloud/cloud.h"
+#include "src/discretization/discretization.h"
+#include "src/discretization/gradients.h"
 
 /// Number the unknowns (3 per free node, in node order), list the fixed nodes, fill B with unit
 /// columns at the free surface nodes. Zeroes *system first.

@@ -1,12 +1,12 @@
 /// @file discretization.c  Which method builds a system; clearing; interpolation of a solution.
-#include "src/discretization.h"
+#include "src/discretization/discretization.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/mls.h"
+#include "haptic/base/error.h"
+#include "src/discretization/mls.h"
 
 void pal_system_clear(pal_system *system) {
     free(system->dof_unknown);

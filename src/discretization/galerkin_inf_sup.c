@@ -4,7 +4,7 @@
 /// carry the scale s_I = V_I^(1/3) (galerkin_pressure.c), so M becomes V_I / s_I^2 / mu = s_I / mu,
 /// and D^-1/2 G D^-1/2 with D = M has the eigenvalues wanted. Eigenvalues below 1e-9 of the largest
 /// are the zero modes: rounding leaves them at 1e-14.
-#include "src/galerkin_inf_sup.h"
+#include "src/discretization/galerkin_inf_sup.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -13,7 +13,7 @@
 #include <cblas.h>
 #include <lapacke.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 typedef struct dense {
     int32_t displacements, pressures;

@@ -5,7 +5,7 @@
 
 #include <palpate/status.h>
 
-#include "src/discretization.h"
+#include "src/discretization/discretization.h"
 
 typedef struct pal_inf_sup {
     double beta; ///< smallest nonzero inf-sup value; stable when it does not fall with refinement

@@ -10,13 +10,13 @@
 /// The second term is int (p - Pi p)(q - Pi q), Pi the mean over each tetrahedron: the polynomial
 /// pressure projection of Bochev, Dohrmann, Gunzburger (SIAM J. Numer. Anal. 44, 2006), alpha = 1
 /// there; it makes the equal-order pair stable without a mesh-dependent parameter.
-#include "src/galerkin_pressure.h"
+#include "src/discretization/galerkin_pressure.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 /// Row x from the tetrahedra around it.
 static void add_row(pal_pressure *p, const pal_regions *tets, int32_t x, int64_t *slot, double bulk,

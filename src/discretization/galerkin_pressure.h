@@ -10,7 +10,7 @@
 
 #include <palpate/status.h>
 
-#include "src/galerkin_regions.h"
+#include "src/discretization/galerkin_regions.h"
 
 typedef struct pal_pressure {
     int32_t node_count;

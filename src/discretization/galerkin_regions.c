@@ -4,13 +4,13 @@
 /// volume-weighted mean of the tetrahedra's gradients: G_r = sum_T V_rT g_T / V_r with V_rT = V_T /
 /// 6 (pair), V_T / 4 (node) or V_T. Each region is a run of sorted (key, tetrahedron) entries;
 /// nothing depends on the order in which memory was handed out.
-#include "src/galerkin_regions.h"
+#include "src/discretization/galerkin_regions.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 typedef pal_region_part part;
 

@@ -21,7 +21,7 @@
 
 #include <palpate/status.h>
 
-#include "src/cloud.h"
+#include "src/cloud/cloud.h"
 
 typedef enum pal_region_kind {
     PALPATE_REGION_TET = 0,

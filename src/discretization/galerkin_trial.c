@@ -12,14 +12,14 @@
 /// with A_F the outward area vectors of the two triangles at F, A_T those of all four. On the
 /// body's surface phi(c_F) = mean_F: there the trial functions stay linear between nodes, so that a
 /// face whose nodes are held is held everywhere.
-#include "src/galerkin_trial.h"
+#include "src/discretization/galerkin_trial.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/neighbours.h"
+#include "haptic/base/error.h"
+#include "src/discretization/neighbours.h"
 
 /// Points: tetrahedron centroids, then face centroids. Row r: phi - mean, sparse.
 typedef struct rows {

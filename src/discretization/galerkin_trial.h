@@ -10,9 +10,9 @@
 
 #include <palpate/status.h>
 
-#include "src/cloud.h"
-#include "src/discretization.h"
-#include "src/galerkin_regions.h"
+#include "src/cloud/cloud.h"
+#include "src/discretization/discretization.h"
+#include "src/discretization/galerkin_regions.h"
 
 /// Replace the mean gradients of PAIR regions (made with the cell's own nodes) by those of MLS
 /// trial functions, linear basis, weight quartic(s) / s^2p, s = |x - x_J| / r_J.

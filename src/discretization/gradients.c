@@ -3,12 +3,12 @@
 ///
 /// Everything is ordered by index, never by address or by hash, so that the same cloud gives the
 /// same operator bit for bit.
-#include "src/gradients.h"
+#include "src/discretization/gradients.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 static pal_status no_memory(pal_error *error, const char *what) {
     return pal_fail(error, PALPATE_ERROR_MEMORY, "%s: out of memory; use a coarser spacing", what);

@@ -21,9 +21,9 @@
 /// bulk modulus acts on the mean dilatation of groups that each have freedoms of their own
 /// (cell_groups.h): then 0.3-0.9 % at every nu from 0.3 to 0.4999. k keeps the dilatation inside a
 /// group in check: with 2 coarse thin plates come out 20 % too soft, with 10 the force is
-/// up to 0.7 % larger. (The same averages in the finite element literature: edge- and node-based strain
-/// smoothing, Liu & Nguyen-Thoi 2010; mean dilatation at nodes, Bonet & Burton 1998, and over
-/// macro-elements.)
+/// up to 0.7 % larger. (The same averages in the finite element literature: edge- and node-based
+/// strain smoothing, Liu & Nguyen-Thoi 2010; mean dilatation at nodes, Bonet & Burton 1998, and
+/// over macro-elements.)
 ///
 /// **collocated** (design 2.2 as it stands). The stress of a wall is taken at the pair's midpoint
 /// from an MLS gradient G over the k nearest nodes, corrected so that it interpolates the pair, G
@@ -38,12 +38,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/cell_faces.h"
-#include "src/cell_groups.h"
-#include "src/cell_rows.h"
-#include "src/mls.h"
-#include "src/neighbours.h"
+#include "haptic/base/error.h"
+#include "src/discretization/cell_faces.h"
+#include "src/discretization/cell_groups.h"
+#include "src/discretization/cell_rows.h"
+#include "src/discretization/mls.h"
+#include "src/discretization/neighbours.h"
 
 enum { CELL_TERMS = 3 };
 

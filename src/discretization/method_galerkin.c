@@ -34,11 +34,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/discretization.h"
-#include "src/galerkin_pressure.h"
-#include "src/galerkin_regions.h"
-#include "src/galerkin_trial.h"
+#include "haptic/base/error.h"
+#include "src/discretization/discretization.h"
+#include "src/discretization/galerkin_pressure.h"
+#include "src/discretization/galerkin_regions.h"
+#include "src/discretization/galerkin_trial.h"
 
 enum { DEFAULT_EXPONENT = 2 }; ///< p of the wide trial functions' weight
 

@@ -25,15 +25,15 @@
 /// Every row is scaled by a power of two so that its largest entry lies in [0.5, 1).
 ///
 /// Thread: any; progress is called on the caller's.
-#include "src/method_point.h"
+#include "src/discretization/method_point.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/mls.h"
+#include "haptic/base/error.h"
+#include "src/discretization/mls.h"
 
 /// Least A of a traction row, in parts of the node's area.
 static const double fold_limit = 0.1;

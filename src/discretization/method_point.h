@@ -2,7 +2,7 @@
 #ifndef PALPATE_SRC_METHOD_POINT_H
 #define PALPATE_SRC_METHOD_POINT_H
 
-#include "src/discretization.h"
+#include "src/discretization/discretization.h"
 
 typedef enum pal_row_kind {
     PALPATE_ROW_BALANCE = 0, ///< component of div sigma at the node

@@ -28,15 +28,15 @@
 /// Coordinates are scaled by the stencil radius and centred at x_K; degrees are scaled apart, so
 /// that the rank decision is invariant under rotation and scaling and never blows a flat direction
 /// up.
-#include "src/mls.h"
+#include "src/discretization/mls.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/dense_small.h"
-#include "src/mls_weight.h"
+#include "haptic/base/error.h"
+#include "src/base/dense_small.h"
+#include "src/discretization/mls_weight.h"
 
 enum { COLUMNS_MAX = 19, TERMS = 10 }; // value, 3 first, 6 second derivatives
 

@@ -14,8 +14,8 @@
 
 #include <palpate/status.h>
 
-#include "src/discretization.h"
-#include "src/neighbours.h"
+#include "src/discretization/discretization.h"
+#include "src/discretization/neighbours.h"
 
 typedef enum pal_weight {
     PALPATE_WEIGHT_QUARTIC = 0, ///< paper 1, Eq. 1: w = 1 - 6 s^2 + 8 s^3 - 3 s^4, zero from s = 1

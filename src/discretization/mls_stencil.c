@@ -3,12 +3,12 @@
 /// The support radius is a little more than the distance of the k-th neighbour, so that the
 /// outermost nodes still count. Nodes at the same distance as the k-th (to 1e-9) all belong: a
 /// lattice's stencils keep its symmetry and do not depend on numbering.
-#include "src/mls.h"
+#include "src/discretization/mls.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 /// Support radius over the k-th neighbour's distance. Measured on smooth solutions (quadratic point
 /// collocation, jittered cubes): 1.0 to 1.1 leaves up to twice the error, 1.5 and 2 lose the order.

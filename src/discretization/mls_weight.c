@@ -4,7 +4,7 @@
 /// The quartic spline of paper 1, Eq. 1, is (1 - s)^3 (1 + 3 s); in this form nothing cancels near
 /// s = 1, and W'/s = -12 (1 - s)^2, W'' - W'/s = 24 s (1 - s) have no division left. Powers of s
 /// are handled the same way, so that 1 / W = s^2p / w(s) is exact down to s = 0.
-#include "src/mls_weight.h"
+#include "src/discretization/mls_weight.h"
 
 #include <math.h>
 

@@ -5,7 +5,7 @@
 
 #include <stdint.h>
 
-#include "src/mls.h"
+#include "src/discretization/mls.h"
 
 /// A radial function f(s): value, slope = f'/s, bend = f'' - f'/s. With delta = (x - x_J) / radius,
 /// |delta| = s, n = delta / s:  d_i f = slope delta_i / radius,

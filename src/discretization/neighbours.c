@@ -6,13 +6,13 @@
 /// distance, index), and finally sorts it. A subtree is visited unless its splitting plane is
 /// farther than the worst of k; at equal distance it is visited, since a smaller index may wait
 /// there.
-#include "src/neighbours.h"
+#include "src/discretization/neighbours.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 enum { LEAF = 8 };
 

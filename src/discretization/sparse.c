@@ -4,12 +4,12 @@
 /// rows ascend and duplicates stay in the order they were added; they are then summed in that
 /// order. No comparison sort, so the result depends on nothing but the triplets. O(nonzeros + rows
 /// + columns). Thread: functions are reentrant; a list belongs to one thread at a time.
-#include "src/sparse.h"
+#include "src/discretization/sparse.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 /// Double a list's capacity; the three arrays grow one after the other, so that a failure between
 /// them leaves every array at least as long as `capacity` says.

@@ -1,14 +1,14 @@
 /// @file bvh.c  A tree of axis-aligned boxes over triangles.
 ///
 /// Closest point on a triangle: Ericson, Real-Time Collision Detection (2005), section 5.1.5.
-#include "src/bvh.h"
+#include "src/geometry/bvh.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/vec.h"
+#include "haptic/base/error.h"
+#include "src/base/vec.h"
 
 enum { LEAF = 4, DEPTH = 64 };
 
@@ -100,8 +100,8 @@ pal_status pal_bvh_build(pal_bvh *bvh, const double *x, const int32_t *v, int32_
     if (scratch == NULL || bvh->order == NULL || bvh->box == NULL) {
         free(scratch);
         pal_bvh_clear(bvh);
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "surface: no memory for a tree of %d triangles",
-                        triangle_count);
+        return pal_fail(error, PALPATE_ERROR_MEMORY,
+                        "surface: no memory for a tree of %d triangles", triangle_count);
     }
     for (int32_t i = 0; i < triangle_count; i++) {
         bvh->order[i] = i;

@@ -16,9 +16,9 @@ typedef struct pal_bvh_box {
 
 typedef struct pal_bvh {
     int32_t triangle_count, box_count;
-    const double *x;       ///< (vertices x 3), borrowed
-    const int32_t *v;      ///< (triangle_count x 3), borrowed
-    int32_t *order;        ///< (triangle_count)
+    const double *x;  ///< (vertices x 3), borrowed
+    const int32_t *v; ///< (triangle_count x 3), borrowed
+    int32_t *order;   ///< (triangle_count)
     pal_bvh_box *box;
 } pal_bvh;
 
@@ -27,11 +27,12 @@ pal_status pal_bvh_build(pal_bvh *bvh, const double *x, const int32_t *v, int32_
 void pal_bvh_clear(pal_bvh *bvh);
 
 /// Closest point of the triangles to x.
-/// @param[out] point  may be NULL. @return the triangle's number (smallest among equally close ones)
+/// @param[out] point  may be NULL. @return the triangle's number (smallest among equally close
+/// ones)
 int32_t pal_bvh_closest(const pal_bvh *bvh, const double x[3], double point[3], double *distance);
 
-/// The same among the triangles whose normal is less than 90 degrees from `side`: near a sharp edge or
-/// in a thin sheet the other side may be closer. @return -1 when there is none
+/// The same among the triangles whose normal is less than 90 degrees from `side`: near a sharp edge
+/// or in a thin sheet the other side may be closer. @return -1 when there is none
 int32_t pal_bvh_closest_side(const pal_bvh *bvh, const double x[3], const double side[3],
                              double point[3], double *distance);
 

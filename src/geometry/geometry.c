@@ -1,18 +1,18 @@
 /// @file geometry.c  Bodies: box, sphere, hemisphere and surface files in normalised coordinates.
 ///
 /// Unit of length: the radius of spheres and hemispheres, the longest side of boxes, the longest
-/// extent of surface files. Every number that comes from the scene is divided by it and rounded to a
-/// grid of 2^-36, far above the rounding of that division: the same shape at any absolute size enters
-/// the mesher with the same bits. Thread: one scene, one thread.
-#include "src/geometry.h"
+/// extent of surface files. Every number that comes from the scene is divided by it and rounded to
+/// a grid of 2^-36, far above the rounding of that division: the same shape at any absolute size
+/// enters the mesher with the same bits. Thread: one scene, one thread.
+#include "src/geometry/geometry.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/surface.h"
-#include "src/vec.h"
+#include "haptic/base/error.h"
+#include "src/geometry/surface.h"
+#include "src/base/vec.h"
 
 /// Further than this many sizes from the origin, double coordinates on the grid lose their meaning.
 static const double FARTHEST = 65536.0;
@@ -52,11 +52,12 @@ static pal_status place_center(const pal_scene *scene, const double center[3], d
         out[c] = pal_grid(center[c] / length);
         if (!(fabs(out[c]) <= FARTHEST)) {
             char place[256];
-            return pal_fail(error, PALPATE_ERROR_GEOMETRY,
-                            "%s: the center lies %g body sizes from the origin: at most %g keep their "
-                            "precision; move the body closer to the origin",
-                            pal_place_text(scene, &scene->geometry.place, place, sizeof place),
-                            fabs(out[c]), FARTHEST);
+            return pal_fail(
+                error, PALPATE_ERROR_GEOMETRY,
+                "%s: the center lies %g body sizes from the origin: at most %g keep their "
+                "precision; move the body closer to the origin",
+                pal_place_text(scene, &scene->geometry.place, place, sizeof place), fabs(out[c]),
+                FARTHEST);
         }
     }
     return PALPATE_OK;
@@ -103,14 +104,16 @@ static pal_status make_box(const pal_scene *scene, pal_body *body, pal_error *er
 
 /// An octahedron for the sphere; its upper half and a four-triangle base for the hemisphere.
 static pal_status make_ball(const pal_scene *scene, pal_body *body, int half, pal_error *error) {
-    static const double corner[6][3] = {{1, 0, 0}, {0, 1, 0}, {-1, 0, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+    static const double corner[6][3] = {{1, 0, 0},  {0, 1, 0}, {-1, 0, 0},
+                                        {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
     double x[18], center[3] = {0.0, 0.0, 0.0};
     int32_t v[24];
     int16_t face[8];
     body->length = scene->geometry.radius;
     body->least_extent = half ? 1.0 : 2.0;
-    pal_status status = half ? PALPATE_OK
-                             : place_center(scene, scene->geometry.center, body->length, center, error);
+    pal_status status =
+        half ? PALPATE_OK
+             : place_center(scene, scene->geometry.center, body->length, center, error);
     if (status != PALPATE_OK) {
         return status;
     }

@@ -2,10 +2,10 @@
 #ifndef PALPATE_SRC_GEOMETRY_H
 #define PALPATE_SRC_GEOMETRY_H
 
-#include "src/bvh.h"
-#include "src/scene.h"
-#include "src/shape.h"
-#include "src/surface_mesh.h"
+#include "src/geometry/bvh.h"
+#include "src/scene/scene.h"
+#include "src/geometry/shape.h"
+#include "src/geometry/surface_mesh.h"
 
 typedef struct pal_body {
     double length;         ///< metres per unit
@@ -20,7 +20,8 @@ typedef struct pal_body {
     pal_bvh input_tree;
 } pal_body;
 
-/// Round to the grid of normalised coordinates, 2^-36: the same shape at any size gives the same bits.
+/// Round to the grid of normalised coordinates, 2^-36: the same shape at any size gives the same
+/// bits.
 double pal_grid(double x);
 
 /// Make the body of a scene: primitives exactly, surface files read, welded and checked.

@@ -12,8 +12,8 @@
 #include <string.h>
 #include <errno.h>
 
-#include "haptic/error.h"
-#include "src/surface.h"
+#include "haptic/base/error.h"
+#include "src/geometry/surface.h"
 
 enum { COUNT_MAX = INT32_MAX / 8 };
 

@@ -4,13 +4,13 @@
 /// Counts are bounded by the file's size (a vertex or a corner takes a byte at least), memory grows
 /// with what arrives, indices and coordinates are checked. Thread: any; each call has its own
 /// process (helper.h).
-#include "src/reader_client.h"
+#include "src/geometry/reader_client.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 static const pal_helper_kind reader = {"palpate-reader", "PALPATE_READER"};
 
@@ -25,10 +25,11 @@ static pal_status check_reply(const pal_reader_request *request, pal_reader_repl
                               pal_error *error) {
     if (reply->magic != PALPATE_READER_MAGIC || reply->version != PALPATE_READER_VERSION ||
         reply->size != sizeof *reply) {
-        return pal_fail(error, PALPATE_ERROR_SYSTEM,
-                        "palpate-reader: its answer is not of version %d: library and reader must come "
-                        "from the same build",
-                        PALPATE_READER_VERSION);
+        return pal_fail(
+            error, PALPATE_ERROR_SYSTEM,
+            "palpate-reader: its answer is not of version %d: library and reader must come "
+            "from the same build",
+            PALPATE_READER_VERSION);
     }
     if (reply->verdict != PALPATE_READER_DONE) {
         pal_helper_printable(reply->message, sizeof reply->message);
@@ -36,7 +37,8 @@ static pal_status check_reply(const pal_reader_request *request, pal_reader_repl
                         reply->verdict == PALPATE_READER_NO_MEMORY      ? PALPATE_ERROR_MEMORY
                         : reply->verdict == PALPATE_READER_BAD_GEOMETRY ? PALPATE_ERROR_GEOMETRY
                                                                         : PALPATE_ERROR_IO,
-                        "%s", reply->message[0] ? reply->message : "palpate-reader gives no reason");
+                        "%s",
+                        reply->message[0] ? reply->message : "palpate-reader gives no reason");
     }
     if (reply->vertex_count < 1 || reply->vertex_count > request->file_bytes ||
         reply->triangle_count < 1 || reply->triangle_count > request->file_bytes ||
@@ -77,14 +79,15 @@ pal_status pal_reader_converse(pal_helper *h, const pal_reader_request *request,
     for (size_t i = 0; i < coordinates; i++) {
         if (!isfinite(out->x[i])) {
             return pal_fail(error, PALPATE_ERROR_IO,
-                            "palpate-reader: vertex %zu of its answer is not at a finite place", i / 3);
+                            "palpate-reader: vertex %zu of its answer is not at a finite place",
+                            i / 3);
         }
     }
     for (size_t i = 0; i < corners; i++) {
         if (out->v[i] < 0 || out->v[i] >= out->vertex_count) {
             return pal_fail(error, PALPATE_ERROR_IO,
-                            "palpate-reader: triangle %zu of its answer names vertex %d of %d", i / 3,
-                            out->v[i], out->vertex_count);
+                            "palpate-reader: triangle %zu of its answer names vertex %d of %d",
+                            i / 3, out->v[i], out->vertex_count);
         }
     }
     return PALPATE_OK;
@@ -110,7 +113,8 @@ pal_status pal_reader_import(int file, int64_t file_bytes, pal_reader_format for
     if (status == PALPATE_ERROR_TRUNCATED) {
         char fate[512];
         pal_helper_fate(&h, state, fate, sizeof fate);
-        status = pal_fail(error, PALPATE_ERROR_IO, "%s; is the file damaged? Export it again", fate);
+        status =
+            pal_fail(error, PALPATE_ERROR_IO, "%s; is the file damaged? Export it again", fate);
     }
     if (status != PALPATE_OK) {
         pal_surface_clear(out);

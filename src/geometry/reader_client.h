@@ -2,9 +2,9 @@
 #ifndef PALPATE_SRC_READER_CLIENT_H
 #define PALPATE_SRC_READER_CLIENT_H
 
-#include "src/helper.h"
+#include "src/base/helper.h"
 #include "src/reader/protocol.h"
-#include "src/surface.h"
+#include "src/geometry/surface.h"
 
 #define PALPATE_READER_FILE_MAX ((int64_t)1 << 30)
 
@@ -14,8 +14,8 @@ typedef struct pal_reader_limits {
     int32_t cpu_seconds, seconds; ///< of its own time; on the clock, after which it is ended
 } pal_reader_limits;
 
-/// Generous for an honest file of that size: Assimp takes some 10 to 30 bytes per byte of a file and
-/// reads 10 MB/s or more.
+/// Generous for an honest file of that size: Assimp takes some 10 to 30 bytes per byte of a file
+/// and reads 10 MB/s or more.
 pal_reader_limits pal_reader_default_limits(int64_t file_bytes);
 
 /// Read a surface file that is open at its beginning.

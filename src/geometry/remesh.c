@@ -3,18 +3,19 @@
 /// Botsch, Kobbelt: A remeshing approach to multiresolution modeling (SGP 2004): split edges longer
 /// than 4/3, collapse edges shorter than 4/5 of the spacing wanted, flip towards larger smallest
 /// angles, relax tangentially. Here the lengths are measured relative to a graded spacing, the
-/// relaxation moves to the centroid of the triangles around, each weighted by area / h^2 (its area in
-/// the metric of the spacing; measured at a rim graded by 0.45: mean triangle quality 0.945, against
-/// 0.91 with h^-1 or h^-3 and 0.88 with the h^-4 of centroidal tessellations), and every vertex is put
-/// back on its constraints (shape.h) after every move, so that curve vertices slide along their curve and
-/// corners stay. Everything runs in index order with total orders for ties: deterministic.
+/// relaxation moves to the centroid of the triangles around, each weighted by area / h^2 (its area
+/// in the metric of the spacing; measured at a rim graded by 0.45: mean triangle quality 0.945,
+/// against 0.91 with h^-1 or h^-3 and 0.88 with the h^-4 of centroidal tessellations), and every
+/// vertex is put back on its constraints (shape.h) after every move, so that curve vertices slide
+/// along their curve and corners stay. Everything runs in index order with total orders for ties:
+/// deterministic.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/surface_mesh.h"
-#include "src/vec.h"
+#include "haptic/base/error.h"
+#include "src/geometry/surface_mesh.h"
+#include "src/base/vec.h"
 
 static const double LONG = 4.0 / 3.0, SHORT = 4.0 / 5.0;
 
@@ -77,8 +78,9 @@ static pal_status gather(const pal_surface_mesh *m, double limit, int want_long,
 }
 
 /// One sweep of splits. @return the number split through `done`
-static pal_status split_long(pal_surface_mesh *m, const pal_shape *shape, const pal_size_field *size,
-                             int project, int32_t *done, pal_error *error) {
+static pal_status split_long(pal_surface_mesh *m, const pal_shape *shape,
+                             const pal_size_field *size, int project, int32_t *done,
+                             pal_error *error) {
     candidate *list;
     size_t count;
     pal_status status = gather(m, LONG, 1, &list, &count, error);
@@ -213,8 +215,9 @@ static int32_t walk_curve(const pal_surface_mesh *m, int32_t e, int32_t **list, 
 }
 
 /// Give one chain as many edges as its length asks for: split the longest or merge the shortest.
-static pal_status balance_chain(pal_surface_mesh *m, const pal_shape *shape, const pal_size_field *size,
-                                const int32_t *list, int32_t count, pal_error *error) {
+static pal_status balance_chain(pal_surface_mesh *m, const pal_shape *shape,
+                                const pal_size_field *size, const int32_t *list, int32_t count,
+                                pal_error *error) {
     double total = 0.0;
     candidate extreme = {0.0, -1};
     for (int32_t i = 0; i < count; i++) {
@@ -223,7 +226,8 @@ static pal_status balance_chain(pal_surface_mesh *m, const pal_shape *shape, con
     int more = total > count + 0.5, fewer = total < count - 0.5;
     for (int32_t i = 0; i < count && (more || fewer); i++) {
         double length = relative_length(m, m->v[list[i]], pal_smesh_head(m, list[i]));
-        int ok = more || collapse_allowed(m, list[i], 2.0) || collapse_allowed(m, m->twin[list[i]], 2.0);
+        int ok =
+            more || collapse_allowed(m, list[i], 2.0) || collapse_allowed(m, m->twin[list[i]], 2.0);
         if (ok && (extreme.e < 0 || (more ? length > extreme.length : length < extreme.length))) {
             extreme = (candidate){length, list[i]};
         }
@@ -284,7 +288,8 @@ static double worst_cosine(const double a[3], const double b[3], const double c[
     if (!(lu > 0.0 && lv > 0.0 && lw > 0.0)) {
         return -1.0;
     }
-    return fmin(-v3_dot(u, w) / (lu * lw), fmin(-v3_dot(u, v) / (lu * lv), -v3_dot(v, w) / (lv * lw)));
+    return fmin(-v3_dot(u, w) / (lu * lw),
+                fmin(-v3_dot(u, v) / (lu * lv), -v3_dot(v, w) / (lv * lw)));
 }
 
 /// Flip e when that shrinks the largest angle of its two triangles and keeps the surface's side.
@@ -335,7 +340,8 @@ static int32_t flip_all(pal_surface_mesh *m) {
     return total;
 }
 
-/// Where a smooth vertex wants to be: density-weighted centroid of its triangles, in its tangent plane.
+/// Where a smooth vertex wants to be: density-weighted centroid of its triangles, in its tangent
+/// plane.
 static void smooth_target(const pal_surface_mesh *m, int32_t vertex, double x[3]) {
     double sum[3] = {0}, normal[3] = {0}, weight = 0.0;
     int32_t e = m->out[vertex];
@@ -404,8 +410,8 @@ static pal_status adapt(pal_surface_mesh *m, const pal_shape *shape, const pal_s
                         int split, int passes, pal_error *error) {
     for (int pass = 0; pass < passes; pass++) {
         int32_t done = 0;
-        pal_status status = split ? split_long(m, shape, size, 1, &done, error)
-                                  : collapse_short(m, &done, error);
+        pal_status status =
+            split ? split_long(m, shape, size, 1, &done, error) : collapse_short(m, &done, error);
         if (status != PALPATE_OK) {
             return status;
         }
@@ -420,7 +426,8 @@ static pal_status adapt(pal_surface_mesh *m, const pal_shape *shape, const pal_s
 static pal_status report(const pal_progress *progress, int step, int steps, pal_error *error) {
     if (progress != NULL && progress->call != NULL &&
         progress->call(progress->user, "cloud", 0.05 + 0.15 * step / steps, -1.0) != 0) {
-        return pal_fail(error, PALPATE_ERROR_CANCELLED, "cloud: cancelled while meshing the surface");
+        return pal_fail(error, PALPATE_ERROR_CANCELLED,
+                        "cloud: cancelled while meshing the surface");
     }
     return PALPATE_OK;
 }

@@ -4,13 +4,13 @@
 /// orthogonalising the gradients one after the other (Gram-Schmidt); a gradient that adds no new
 /// direction is skipped. The input triangulation enters as the plane of the closest triangle, found
 /// again in every step.
-#include "src/shape.h"
+#include "src/geometry/shape.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "src/vec.h"
+#include "src/base/vec.h"
 
 int pal_shape_add(pal_shape *shape, const pal_constraint *constraint) {
     for (int32_t i = 0; i < shape->count; i++) {
@@ -102,9 +102,11 @@ double pal_constraint_value(const pal_constraint *c, const double x[3], double g
     return r - c->value;
 }
 
-/// One more equation gradient . s = -f for the step s, given the orthonormal directions used so far.
+/// One more equation gradient . s = -f for the step s, given the orthonormal directions used so
+/// far.
 /// @return 0 when it adds no new direction (it is then left out)
-static int add_equation(const double gradient[3], double f, double q[3][3], int *used, double s[3]) {
+static int add_equation(const double gradient[3], double f, double q[3][3], int *used,
+                        double s[3]) {
     double n[3];
     v3_copy(gradient, n);
     for (int k = 0; k < *used; k++) {
@@ -173,7 +175,8 @@ static void snap_to_mesh(const pal_shape *shape, const double *side, double x[3]
     }
 }
 
-int pal_shape_project(const pal_shape *shape, pal_constraint_set set, const double *side, double x[3]) {
+int pal_shape_project(const pal_shape *shape, pal_constraint_set set, const double *side,
+                      double x[3]) {
     int kind_mesh = 0, kind_edges = 0;
     for (int i = 0; i < 4 && set.id[i] >= 0; i++) {
         kind_mesh |= shape->constraint[set.id[i]].kind == PALPATE_CONSTRAINT_MESH;

@@ -1,8 +1,8 @@
 /// @file shape.h  Constraint surfaces that nodes must lie on, and the spacing wanted at a point.
 ///
-/// A surface node lies on one face of the body, on a curve (sharp edge or patch rim) or on a corner:
-/// it satisfies one, two or three constraints f_i(x) = 0. Everything is in normalised coordinates
-/// (cloud.h). Thread: any, read-only after it is filled.
+/// A surface node lies on one face of the body, on a curve (sharp edge or patch rim) or on a
+/// corner: it satisfies one, two or three constraints f_i(x) = 0. Everything is in normalised
+/// coordinates (cloud.h). Thread: any, read-only after it is filled.
 #ifndef PALPATE_SRC_SHAPE_H
 #define PALPATE_SRC_SHAPE_H
 
@@ -10,7 +10,7 @@
 
 #include <palpate/status.h>
 
-#include "src/bvh.h"
+#include "src/geometry/bvh.h"
 
 typedef enum pal_constraint_kind {
     PALPATE_CONSTRAINT_PLANE,  ///< normal . x = offset
@@ -57,7 +57,8 @@ double pal_constraint_value(const pal_constraint *c, const double x[3], double g
 /// @param side  outward direction of the surface at x, to find the right side of the input
 ///              triangulation (bvh.h); NULL: any
 /// @return 1 when the residual ended below 1e-11, else 0 (x is then the best point found)
-int pal_shape_project(const pal_shape *shape, pal_constraint_set set, const double *side, double x[3]);
+int pal_shape_project(const pal_shape *shape, pal_constraint_set set, const double *side,
+                      double x[3]);
 
 /// Spacing: h(x) = min(cap, min over sources of (h_s + grading * distance to the source)).
 typedef struct pal_size_source {

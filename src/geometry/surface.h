@@ -6,25 +6,26 @@
 
 #include <palpate/status.h>
 
-#include "src/geometry.h"
+#include "src/geometry/geometry.h"
 
 /// A triangle soup: indices into vertices, in the file's unit.
 typedef struct pal_surface {
     int32_t vertex_count, triangle_count;
-    double *x;   ///< (vertex_count x 3)
-    int32_t *v;  ///< (triangle_count x 3)
+    double *x;  ///< (vertex_count x 3)
+    int32_t *v; ///< (triangle_count x 3)
 } pal_surface;
 
 void pal_surface_clear(pal_surface *s);
 
 /// Read an STL, OBJ or PLY file and weld vertices at the same place (importers split them by normal
 /// and texture). Triangles only (polygons are cut into triangles).
-/// @return PALPATE_OK; PALPATE_ERROR_IO (no file, not a surface), _GEOMETRY (not finite, empty), _MEMORY
+/// @return PALPATE_OK; PALPATE_ERROR_IO (no file, not a surface), _GEOMETRY (not finite, empty),
+/// _MEMORY
 pal_status pal_surface_read(const char *path, pal_surface *out, pal_error *error);
 
-/// The same, each vertex once and numbered as the file numbers it: `v` lines of an OBJ file, elements
-/// of a PLY file, used or not, several at one place or not. An STL file numbers none: welded, in the
-/// order of first use. Polygons of an OBJ file become fans.
+/// The same, each vertex once and numbered as the file numbers it: `v` lines of an OBJ file,
+/// elements of a PLY file, used or not, several at one place or not. An STL file numbers none:
+/// welded, in the order of first use. Polygons of an OBJ file become fans.
 /// @return as pal_surface_read
 pal_status pal_surface_read_in_order(const char *path, pal_surface *out, pal_error *error);
 
@@ -50,12 +51,13 @@ pal_status pal_surface_check(pal_surface *s, double unit, int32_t *repaired, pal
 /// Body of a scene whose geometry is a file.
 pal_status pal_surface_body(pal_scene *scene, pal_body *body, pal_error *error);
 
-/// Mark the edges whose triangles' normals have a smaller cosine, where they form closed networks (ends
-/// that fade out are dropped, they would only pin single nodes), and hand their segments to the shape.
+/// Mark the edges whose triangles' normals have a smaller cosine, where they form closed networks
+/// (ends that fade out are dropped, they would only pin single nodes), and hand their segments to
+/// the shape.
 pal_status pal_surface_sharpen(pal_body *body, double cosine, pal_error *error);
 
-/// Remesh body->mesh to the spacing wanted, or keep the input's triangles, cut where they are too long,
-/// when that fails its checks (with a warning).
+/// Remesh body->mesh to the spacing wanted, or keep the input's triangles, cut where they are too
+/// long, when that fails its checks (with a warning).
 /// @param size  may be made finer where the surface is thinner than the spacing
 pal_status pal_surface_remesh(pal_scene *scene, pal_body *body, pal_size_field *size,
                               const pal_progress *progress, pal_error *error);

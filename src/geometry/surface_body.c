@@ -5,12 +5,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/surface.h"
-#include "src/vec.h"
+#include "haptic/base/error.h"
+#include "src/geometry/surface.h"
+#include "src/base/vec.h"
 
 static const double SHARP_COSINE = 0.5; // normals more than 60 degrees apart: an edge to keep
-static const double FARTHEST = 65536.0;  // sizes from the origin, as for primitives
+static const double FARTHEST = 65536.0; // sizes from the origin, as for primitives
 
 /// Normalise the checked surface into body->input_*.
 static pal_status take_input(const pal_scene *scene, const pal_surface *s, pal_body *body,
@@ -34,7 +34,8 @@ static pal_status take_input(const pal_scene *scene, const pal_surface *s, pal_b
     }
     if (!(farthest <= FARTHEST * extent)) {
         return pal_fail(error, PALPATE_ERROR_GEOMETRY,
-                        "it lies %g of its own sizes from the origin; move it closer", farthest / extent);
+                        "it lies %g of its own sizes from the origin; move it closer",
+                        farthest / extent);
     }
     body->length = extent * scene->geometry.scale;
     body->input_vertices = s->vertex_count;
@@ -42,13 +43,15 @@ static pal_status take_input(const pal_scene *scene, const pal_surface *s, pal_b
     body->input_x = malloc(3 * (size_t)s->vertex_count * sizeof *body->input_x);
     body->input_v = malloc(3 * (size_t)s->triangle_count * sizeof *body->input_v);
     if (body->input_x == NULL || body->input_v == NULL) {
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "no memory for %d triangles", s->triangle_count);
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "no memory for %d triangles",
+                        s->triangle_count);
     }
     for (size_t i = 0; i < 3 * (size_t)s->vertex_count; i++) {
         body->input_x[i] = pal_grid(s->x[i] / extent);
     }
     memcpy(body->input_v, s->v, 3 * (size_t)s->triangle_count * sizeof *body->input_v);
-    return pal_bvh_build(&body->input_tree, body->input_x, body->input_v, body->input_triangles, error);
+    return pal_bvh_build(&body->input_tree, body->input_x, body->input_v, body->input_triangles,
+                         error);
 }
 
 pal_status pal_surface_sharpen(pal_body *body, double cosine, pal_error *error) {
@@ -103,7 +106,8 @@ pal_status pal_surface_sharpen(pal_body *body, double cosine, pal_error *error) 
     }
     free(sharp);
     free(degree);
-    return status == PALPATE_OK ? status : pal_fail(error, status, "no memory for %zu edges", edges);
+    return status == PALPATE_OK ? status
+                                : pal_fail(error, status, "no memory for %zu edges", edges);
 }
 
 pal_status pal_surface_body(pal_scene *scene, pal_body *body, pal_error *error) {
@@ -136,10 +140,11 @@ pal_status pal_surface_body(pal_scene *scene, pal_body *body, pal_error *error) 
         status = pal_surface_sharpen(body, SHARP_COSINE, error);
     }
     if (status == PALPATE_OK && repaired > 0) {
-        status = pal_scene_warn(scene, &scene->geometry.place,
-                                "%d of %d triangles of the surface were turned over or dropped to make "
-                                "it consistent and outward",
-                                repaired, s.triangle_count);
+        status =
+            pal_scene_warn(scene, &scene->geometry.place,
+                           "%d of %d triangles of the surface were turned over or dropped to make "
+                           "it consistent and outward",
+                           repaired, s.triangle_count);
     }
     pal_surface_clear(&s);
     return status == PALPATE_OK ? status : pal_fail_prefix(error, status, "%s", place);

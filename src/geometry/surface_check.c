@@ -1,18 +1,19 @@
 /// @file surface_check.c  Does a triangle surface bound a body? Repairs what is unambiguous.
 ///
 /// In this order: degenerate triangles, open and over-shared edges, orientation (made consistent by
-/// walking over shared edges), vertices where two fans touch, separate parts, volume (turned outward
-/// when negative), self-intersection. Every refusal says how often, where (metres) and the remedy.
-#include "src/surface.h"
+/// walking over shared edges), vertices where two fans touch, separate parts, volume (turned
+/// outward when negative), self-intersection. Every refusal says how often, where (metres) and the
+/// remedy.
+#include "src/geometry/surface.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/triangle_cross.h"
-#include "src/vec.h"
+#include "haptic/base/error.h"
+#include "src/geometry/triangle_cross.h"
+#include "src/base/vec.h"
 
 enum { SHOWN = 5 };
 
@@ -93,14 +94,16 @@ static pal_status check_degenerate(checker *k, pal_error *error) {
     }
     s->triangle_count = kept;
     if (flat > 0) {
-        return pal_fail(error, PALPATE_ERROR_GEOMETRY,
-                        "%d degenerate triangle%s (three corners on a line), at %s m: remove %s in a mesh "
-                        "editor (merge by distance, collapse short edges)",
-                        flat, flat == 1 ? "" : "s", where, flat == 1 ? "it" : "them");
+        return pal_fail(
+            error, PALPATE_ERROR_GEOMETRY,
+            "%d degenerate triangle%s (three corners on a line), at %s m: remove %s in a mesh "
+            "editor (merge by distance, collapse short edges)",
+            flat, flat == 1 ? "" : "s", where, flat == 1 ? "it" : "them");
     }
     if (kept < 4) {
         return pal_fail(error, PALPATE_ERROR_GEOMETRY,
-                        "%d triangles with area are too few to close a body: is the file empty?", kept);
+                        "%d triangles with area are too few to close a body: is the file empty?",
+                        kept);
     }
     return PALPATE_OK;
 }
@@ -134,15 +137,17 @@ static pal_status check_edges(checker *k, pal_error *error) {
         }
     }
     if (crowded > 0) {
-        return pal_fail(error, PALPATE_ERROR_GEOMETRY,
-                        "the surface is not a manifold: %d edge%s shared by more than two triangles, at "
-                        "%s m: remove inner walls and doubled faces",
-                        crowded, crowded == 1 ? " is" : "s are", crowded_at);
+        return pal_fail(
+            error, PALPATE_ERROR_GEOMETRY,
+            "the surface is not a manifold: %d edge%s shared by more than two triangles, at "
+            "%s m: remove inner walls and doubled faces",
+            crowded, crowded == 1 ? " is" : "s are", crowded_at);
     }
     if (open > 0) {
-        return pal_fail(error, PALPATE_ERROR_GEOMETRY,
-                        "the surface is open: %d edge%s only one triangle, at %s m: close the holes",
-                        open, open == 1 ? " has" : "s have", open_at);
+        return pal_fail(
+            error, PALPATE_ERROR_GEOMETRY,
+            "the surface is open: %d edge%s only one triangle, at %s m: close the holes", open,
+            open == 1 ? " has" : "s have", open_at);
     }
     return PALPATE_OK;
 }
@@ -214,7 +219,8 @@ static pal_status check_vertices(checker *k, pal_error *error) {
     char where[400] = "";
     int32_t *uses = calloc((size_t)s->vertex_count, 2 * sizeof *uses);
     if (uses == NULL) {
-        return pal_fail(error, PALPATE_ERROR_MEMORY, "no memory to check %d vertices", s->vertex_count);
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "no memory to check %d vertices",
+                        s->vertex_count);
     }
     int32_t *start = uses + s->vertex_count;
     for (int32_t e = 0; e < 3 * s->triangle_count; e++) {
@@ -236,10 +242,11 @@ static pal_status check_vertices(checker *k, pal_error *error) {
     }
     free(uses);
     if (touching > 0) {
-        return pal_fail(error, PALPATE_ERROR_GEOMETRY,
-                        "the surface is not a manifold: %d %s where two parts of it touch in a point, "
-                        "at %s m: separate them",
-                        touching, touching == 1 ? "vertex" : "vertices", where);
+        return pal_fail(
+            error, PALPATE_ERROR_GEOMETRY,
+            "the surface is not a manifold: %d %s where two parts of it touch in a point, "
+            "at %s m: separate them",
+            touching, touching == 1 ? "vertex" : "vertices", where);
     }
     return PALPATE_OK;
 }
@@ -256,10 +263,11 @@ static pal_status check_volume(checker *k, pal_error *error) {
                 add_place(where, sizeof where, shown++, x, k->unit);
             }
         }
-        return pal_fail(error, PALPATE_ERROR_GEOMETRY,
-                        "the surface has %d separate parts, with triangles at %s m: a body is one closed "
-                        "surface; keep one part or join them",
-                        k->parts, where);
+        return pal_fail(
+            error, PALPATE_ERROR_GEOMETRY,
+            "the surface has %d separate parts, with triangles at %s m: a body is one closed "
+            "surface; keep one part or join them",
+            k->parts, where);
     }
     double low[3], high[3], volume = 0.0, extent = 0.0;
     for (int c = 0; c < 3; c++) {
@@ -280,12 +288,13 @@ static pal_status check_volume(checker *k, pal_error *error) {
         volume += v3_dot(p[0], n) / 6.0;
     }
     if (!(fabs(volume) > 1e-9 * extent * extent * extent)) {
-        return pal_fail(error, PALPATE_ERROR_GEOMETRY,
-                        "the surface encloses no volume (%.3g m^3, extent %.3g m, around (%.6g, %.6g, "
-                        "%.6g) m): it is flat or folded onto itself",
-                        volume * k->unit * k->unit * k->unit, extent * k->unit,
-                        0.5 * (low[0] + high[0]) * k->unit, 0.5 * (low[1] + high[1]) * k->unit,
-                        0.5 * (low[2] + high[2]) * k->unit);
+        return pal_fail(
+            error, PALPATE_ERROR_GEOMETRY,
+            "the surface encloses no volume (%.3g m^3, extent %.3g m, around (%.6g, %.6g, "
+            "%.6g) m): it is flat or folded onto itself",
+            volume * k->unit * k->unit * k->unit, extent * k->unit,
+            0.5 * (low[0] + high[0]) * k->unit, 0.5 * (low[1] + high[1]) * k->unit,
+            0.5 * (low[2] + high[2]) * k->unit);
     }
     if (volume < 0.0) {
         for (int32_t t = 0; t < s->triangle_count; t++) {
@@ -347,14 +356,18 @@ static pal_status check_crossings(checker *k, pal_error *error) {
         int32_t apart = found.count - found.neighbours;
         char beside[64] = "";
         if (found.neighbours > 0) {
-            (void)snprintf(beside, sizeof beside, "%s%d that share%s a corner", apart > 0 ? " and " : "",
-                           found.neighbours, found.neighbours == 1 ? "s" : "");
+            (void)snprintf(beside, sizeof beside, "%s%d that share%s a corner",
+                           apart > 0 ? " and " : "", found.neighbours,
+                           found.neighbours == 1 ? "s" : "");
         }
-        return pal_fail(error, PALPATE_ERROR_GEOMETRY,
-                        "the surface intersects itself: %.0d%s%s, at %s m: separate them in a mesh editor "
-                        "or smooth the surface there",
-                        apart, apart > 1 ? " pairs of triangles" : (apart == 1 ? " pair of triangles" : "pairs of triangles: "),
-                        beside, found.where);
+        return pal_fail(
+            error, PALPATE_ERROR_GEOMETRY,
+            "the surface intersects itself: %.0d%s%s, at %s m: separate them in a mesh editor "
+            "or smooth the surface there",
+            apart,
+            apart > 1 ? " pairs of triangles"
+                      : (apart == 1 ? " pair of triangles" : "pairs of triangles: "),
+            beside, found.where);
     }
     return PALPATE_OK;
 }

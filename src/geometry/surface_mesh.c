@@ -1,14 +1,15 @@
 /// @file surface_mesh.c  Half-edge operations: build, split, flip, collapse.
 ///
-/// Split and collapse keep a closed manifold closed and manifold: a collapse obeys the link condition
-/// (Dey, Edelsbrunner, Guha, Nekhayev 1999): the ends of the edge have exactly two common neighbours.
-#include "src/surface_mesh.h"
+/// Split and collapse keep a closed manifold closed and manifold: a collapse obeys the link
+/// condition (Dey, Edelsbrunner, Guha, Nekhayev 1999): the ends of the edge have exactly two common
+/// neighbours.
+#include "src/geometry/surface_mesh.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/vec.h"
+#include "haptic/base/error.h"
+#include "src/base/vec.h"
 
 /// A sharp edge of the input that turns by more than 75 degrees in a vertex has a corner there.
 static const double CORNER_COSINE = 0.26;
@@ -122,14 +123,15 @@ pal_status pal_smesh_build(pal_surface_mesh *m, const double *x, int32_t vertex_
         m->twin[a] = b;
         m->twin[b] = a;
         if (closed && m->face[a / 3] != m->face[b / 3]) {
-            pal_smesh_mark(m, a, pal_set_union(pal_set_one(m->face[a / 3]),
-                                               pal_set_one(m->face[b / 3])));
+            pal_smesh_mark(m, a,
+                           pal_set_union(pal_set_one(m->face[a / 3]), pal_set_one(m->face[b / 3])));
         }
     }
     free(edges);
     if (!closed) {
         pal_smesh_clear(m);
-        return pal_fail(error, PALPATE_ERROR_GEOMETRY, "surface: an edge is not shared by two triangles");
+        return pal_fail(error, PALPATE_ERROR_GEOMETRY,
+                        "surface: an edge is not shared by two triangles");
     }
     return PALPATE_OK;
 }
@@ -186,7 +188,7 @@ int pal_smesh_kind(const pal_surface_mesh *m, int32_t vertex, int32_t along[2]) 
     v3_sub(m->x + 3 * (size_t)pal_smesh_head(m, found[0]), m->x + 3 * (size_t)vertex, u);
     v3_sub(m->x + 3 * (size_t)pal_smesh_head(m, found[1]), m->x + 3 * (size_t)vertex, w);
     return -v3_dot(u, w) < CORNER_COSINE * v3_norm(u) * v3_norm(w) ? PALPATE_VERTEX_CORNER
-                                                                  : PALPATE_VERTEX_CURVE;
+                                                                   : PALPATE_VERTEX_CURVE;
 }
 
 void pal_smesh_mark(pal_surface_mesh *m, int32_t e, pal_constraint_set set) {
@@ -230,7 +232,8 @@ int32_t pal_smesh_split(pal_surface_mesh *m, int32_t e, const double x[3]) {
     if (!reserve_vertices(m, m->vertex_count + 1) || !reserve_triangles(m, m->triangle_count + 2)) {
         return PALPATE_ERROR_MEMORY;
     }
-    // triangle (a, b, c) of e and (b, a, d) of its twin o become (a, n, c), (n, b, c), (b, n, d), (n, a, d)
+    // triangle (a, b, c) of e and (b, a, d) of its twin o become (a, n, c), (n, b, c), (b, n, d),
+    // (n, a, d)
     int32_t o = m->twin[e], n = m->vertex_count++;
     int32_t bc = pal_smesh_next(e), ca = pal_smesh_prev(e), ad = pal_smesh_next(o);
     int32_t b = m->v[bc], c = m->v[ca], a = m->v[ad], d = m->v[pal_smesh_prev(o)];

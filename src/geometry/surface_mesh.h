@@ -10,7 +10,7 @@
 
 #include <palpate/status.h>
 
-#include "src/shape.h"
+#include "src/geometry/shape.h"
 
 typedef struct pal_surface_mesh {
     int32_t vertex_count, vertex_capacity;
@@ -78,11 +78,13 @@ int pal_smesh_collapse(pal_surface_mesh *m, int32_t e);
 /// Drop dead triangles and vertices (numbers change, order is kept).
 pal_status pal_smesh_compact(pal_surface_mesh *m, pal_error *error);
 
-/// Unit normal of a triangle with vertex `vertex` (-1: none) moved to `moved`; returns twice the area.
+/// Unit normal of a triangle with vertex `vertex` (-1: none) moved to `moved`; returns twice the
+/// area.
 double pal_smesh_normal(const pal_surface_mesh *m, int32_t t, int32_t vertex, const double moved[3],
                         double n[3]);
 
-/// Sum of the area vectors (times two) of the triangles around a vertex: the outward direction there.
+/// Sum of the area vectors (times two) of the triangles around a vertex: the outward direction
+/// there.
 void pal_smesh_vertex_normal(const pal_surface_mesh *m, int32_t vertex, double n[3]);
 
 /// Enclosed volume.

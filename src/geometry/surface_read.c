@@ -11,9 +11,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
-#include "src/reader_client.h"
-#include "src/surface.h"
+#include "haptic/base/error.h"
+#include "src/geometry/reader_client.h"
+#include "src/geometry/surface.h"
 
 void pal_surface_clear(pal_surface *s) {
     free(s->x);
@@ -37,7 +37,8 @@ static const char *look_at_ply(int fd, int64_t size) {
             why = "its header announces more elements than the file can hold";
             break;
         }
-        if (strncmp(line, "end_header", 10) == 0 && strspn(line + 10, " \t\r\n") == strlen(line + 10)) {
+        if (strncmp(line, "end_header", 10) == 0 &&
+            strspn(line + 10, " \t\r\n") == strlen(line + 10)) {
             why = NULL;
             break;
         }
@@ -90,12 +91,14 @@ static pal_status import(const char *path, int welding, pal_surface *out, pal_er
                           "%s: not a readable surface (STL, OBJ or PLY): %s", path, why);
     } else {
         limits = pal_reader_default_limits(size);
-        status = pal_reader_import(fd, size, (pal_reader_format)format, !welding, &limits, out, error);
+        status =
+            pal_reader_import(fd, size, (pal_reader_format)format, !welding, &limits, out, error);
         if (status == PALPATE_OK && welding) {
             status = pal_surface_weld(out, error);
         }
         if (status == PALPATE_ERROR_IO) {
-            status = pal_fail_prefix(error, status, "%s: not a readable surface (STL, OBJ or PLY)", path);
+            status = pal_fail_prefix(error, status, "%s: not a readable surface (STL, OBJ or PLY)",
+                                     path);
         } else if (status != PALPATE_OK) {
             status = pal_fail_prefix(error, status, "%s", path);
         }

@@ -2,19 +2,19 @@
 ///
 /// Remeshing moves nodes along the input surface (closest point), so nothing is lost but what the
 /// spacing cannot resolve. Verified afterwards: no self-intersection, enclosed volume within 1 %,
-/// every sample of the input (vertices, and points along its edges) within a quarter of the spacing.
-/// When that fails, the spacing is made finer where the mesh is furthest from the input and the
-/// remeshing is repeated; then, once more from the start, also blunter edges are kept as edges; if it
-/// still fails the input's own triangles are used, cut where they are too long, with a warning. (Gmsh's
-/// own remeshing of discrete surfaces loses 1.6 % of the liver's volume at 12.5 mm and cannot place
-/// nodes on a rim.) Thread: one scene.
+/// every sample of the input (vertices, and points along its edges) within a quarter of the
+/// spacing. When that fails, the spacing is made finer where the mesh is furthest from the input
+/// and the remeshing is repeated; then, once more from the start, also blunter edges are kept as
+/// edges; if it still fails the input's own triangles are used, cut where they are too long, with a
+/// warning. (Gmsh's own remeshing of discrete surfaces loses 1.6 % of the liver's volume at 12.5 mm
+/// and cannot place nodes on a rim.) Thread: one scene.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/surface.h"
-#include "src/vec.h"
+#include "haptic/base/error.h"
+#include "src/geometry/surface.h"
+#include "src/base/vec.h"
 
 static const double VOLUME_TOLERANCE = 0.01, DISTANCE_TOLERANCE = 0.25;
 static const double BLUNT_COSINE = 0.87; // 30 degrees: the second try's edges
@@ -28,8 +28,8 @@ typedef struct samples {
 } samples;
 
 typedef struct verdict {
-    const char *why; ///< NULL: the mesh is good
-    double worst;    ///< largest distance of the samples
+    const char *why;      ///< NULL: the mesh is good
+    double worst;         ///< largest distance of the samples
     double limit, factor; ///< where to refine: samples beyond limit, by factor
 } verdict;
 
@@ -56,7 +56,8 @@ static pal_status samples_make(const pal_body *body, const pal_size_field *size,
     for (int pass = 0; pass < 2; pass++) {
         for (int32_t e = 0; e < 3 * body->input_triangles; e++) {
             int32_t a = body->input_v[e], b = body->input_v[e % 3 == 2 ? e - 2 : e + 1];
-            int32_t n = a < b ? edge_samples(body, size, e) : 0; // once an edge: the other half has a > b
+            int32_t n =
+                a < b ? edge_samples(body, size, e) : 0; // once an edge: the other half has a > b
             total += pass == 0 ? (size_t)n : 0;
             for (int32_t i = 1; pass == 1 && i <= n; i++) {
                 double d[3];
@@ -97,7 +98,8 @@ static pal_status crosses_itself(const pal_surface_mesh *m, pal_error *error) {
 static pal_status measure_distance(const pal_body *body, const pal_size_field *scene, samples *s,
                                    double *worst, pal_error *error) {
     pal_bvh tree;
-    pal_status status = pal_bvh_build(&tree, body->mesh.x, body->mesh.v, body->mesh.triangle_count, error);
+    pal_status status =
+        pal_bvh_build(&tree, body->mesh.x, body->mesh.v, body->mesh.triangle_count, error);
     *worst = 0.0;
     for (int32_t i = 0; i < s->count && status == PALPATE_OK; i++) {
         const double *x = s->x + 3 * (size_t)i;
@@ -123,7 +125,8 @@ static pal_status refine_distant(const samples *s, const verdict *v, pal_size_fi
             v3_copy(x, source.a);
             v3_copy(x, source.b);
             if (pal_size_add(size, &source) != PALPATE_OK) {
-                return pal_fail(error, PALPATE_ERROR_MEMORY, "cloud: no memory for the spacing field");
+                return pal_fail(error, PALPATE_ERROR_MEMORY,
+                                "cloud: no memory for the spacing field");
             }
         }
     }
@@ -131,8 +134,8 @@ static pal_status refine_distant(const samples *s, const verdict *v, pal_size_fi
 }
 
 /// Verify body->mesh against the input.
-static pal_status verify(const pal_body *body, const pal_size_field *scene, double volume, samples *s,
-                         verdict *v, pal_error *error) {
+static pal_status verify(const pal_body *body, const pal_size_field *scene, double volume,
+                         samples *s, verdict *v, pal_error *error) {
     v->why = NULL;
     v->factor = 0.6;
     pal_status status = measure_distance(body, scene, s, &v->worst, error);
@@ -159,7 +162,8 @@ static pal_status verify(const pal_body *body, const pal_size_field *scene, doub
 
 /// A round of attempts from `input`; ends with a good mesh or with v->why and a copy of `input`.
 static pal_status try_remesh(pal_body *body, const pal_surface_mesh *input, pal_size_field *size,
-                             samples *s, verdict *v, const pal_progress *progress, pal_error *error) {
+                             samples *s, verdict *v, const pal_progress *progress,
+                             pal_error *error) {
     int32_t sources = size->count;
     double volume = pal_smesh_volume(input), limit = 0.8 * DISTANCE_TOLERANCE;
     pal_status status = PALPATE_OK;
@@ -224,10 +228,11 @@ pal_status pal_surface_remesh(pal_scene *scene, pal_body *body, pal_size_field *
         }
     }
     if (status == PALPATE_OK && v.why != NULL) {
-        status = pal_scene_warn(scene, &scene->spacing_place,
-                                "the surface keeps its own triangles, cut where they are too long: remeshing "
-                                "it to %g m %s",
-                                scene->spacing, v.why);
+        status = pal_scene_warn(
+            scene, &scene->spacing_place,
+            "the surface keeps its own triangles, cut where they are too long: remeshing "
+            "it to %g m %s",
+            scene->spacing, v.why);
         if (status == PALPATE_OK) {
             status = pal_smesh_refine(&body->mesh, &body->shape, size, error);
         }

@@ -9,12 +9,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/surface.h"
-#include "src/vec.h"
+#include "haptic/base/error.h"
+#include "src/geometry/surface.h"
+#include "src/base/vec.h"
 
 static const double WELD = 1e-6;
-static const double CELL = 1.001; ///< cells are longer than the reach: neighbours differ by 1 at most
+static const double CELL =
+    1.001; ///< cells are longer than the reach: neighbours differ by 1 at most
 
 typedef struct sorted {
     double x;
@@ -51,7 +52,8 @@ static void cell_of(const grid *g, const double *x, int64_t cell[3]) {
 }
 
 /// The first (by rank) that stands for itself within reach; -1: none.
-static int32_t find_near(const grid *g, const pal_surface *s, const sorted *order, const double *x) {
+static int32_t find_near(const grid *g, const pal_surface *s, const sorted *order,
+                         const double *x) {
     int64_t cell[3], near[3];
     int32_t best = -1;
     cell_of(g, x, cell);
@@ -164,4 +166,3 @@ pal_status pal_surface_weld(pal_surface *s, pal_error *error) {
     free(same);
     return PALPATE_OK;
 }
-

@@ -1,9 +1,9 @@
 /// @file triangle_cross.c  Exact triangle-triangle intersection by signs of determinants.
 ///
 /// orient3d = det(b - a, c - a, d - a) is evaluated in double with a forward error bound (Shewchuk
-/// 1997, the static part) and, when that cannot decide the sign, in 113-bit arithmetic: differences of
-/// singles of similar size have at most some 30 bits, so their triple products fit.
-#include "src/triangle_cross.h"
+/// 1997, the static part) and, when that cannot decide the sign, in 113-bit arithmetic: differences
+/// of singles of similar size have at most some 30 bits, so their triple products fit.
+#include "src/geometry/triangle_cross.h"
 
 #include <math.h>
 #include <stddef.h>
@@ -71,8 +71,8 @@ static int between(const double *p, const double *a, const double *b, int u, int
            p[v] <= fmax(a[v], b[v]);
 }
 
-static int segments_cross_2d(const double *p, const double *q, const double *a, const double *b, int u,
-                             int v) {
+static int segments_cross_2d(const double *p, const double *q, const double *a, const double *b,
+                             int u, int v) {
     int o1 = orient2d(p, q, a, u, v), o2 = orient2d(p, q, b, u, v);
     int o3 = orient2d(a, b, p, u, v), o4 = orient2d(a, b, q, u, v);
     if (o1 * o2 < 0 && o3 * o4 < 0) {
@@ -82,7 +82,8 @@ static int segments_cross_2d(const double *p, const double *q, const double *a, 
            (o3 == 0 && between(p, a, b, u, v)) || (o4 == 0 && between(q, a, b, u, v));
 }
 
-static int inside_2d(const double *p, const double *a, const double *b, const double *c, int u, int v) {
+static int inside_2d(const double *p, const double *a, const double *b, const double *c, int u,
+                     int v) {
     int s1 = orient2d(a, b, p, u, v), s2 = orient2d(b, c, p, u, v), s3 = orient2d(c, a, p, u, v);
     return (s1 >= 0 && s2 >= 0 && s3 >= 0) || (s1 <= 0 && s2 <= 0 && s3 <= 0);
 }

@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 #include "src/mesher/protocol.h"
-#include "src/pipe.h"
+#include "src/base/pipe.h"
 
 typedef struct request {
     pal_mesher_request head;
@@ -28,7 +28,7 @@ static void progress(double fraction) {
     (void)fflush(stderr);
 }
 
-/// Same field as pal_size_at (src/shape.c), which must not be linked here.
+/// Same field as pal_size_at (src/geometry/shape.c), which must not be linked here.
 static double spacing_at(int dim, int tag, double x, double y, double z, void *data) {
     (void)dim;
     (void)tag;
@@ -179,8 +179,8 @@ static int collect(const request *r, pal_mesher_reply *reply, double **inside, i
     size_t *node = NULL, node_n = 0, *element = NULL, element_n = 0, *corner = NULL, corner_n = 0;
     double *coord = NULL, *parametric = NULL;
     size_t coord_n = 0, parametric_n = 0, surface = (size_t)r->head.vertex_count, largest = 0;
-    gmshModelMeshGetNodes(&node, &node_n, &coord, &coord_n, &parametric, &parametric_n, -1, -1, 0, 0,
-                          &ierr);
+    gmshModelMeshGetNodes(&node, &node_n, &coord, &coord_n, &parametric, &parametric_n, -1, -1, 0,
+                          0, &ierr);
     if (gmsh_failed(ierr, "return the nodes", reply->message, sizeof reply->message)) {
         return 0;
     }
@@ -203,7 +203,8 @@ static int collect(const request *r, pal_mesher_reply *reply, double **inside, i
     *inside = malloc((3 * node_n + 1) * sizeof **inside);
     *tet = malloc(corner_n * sizeof **tet);
     if (number == NULL || by_tag == NULL || *inside == NULL || *tet == NULL) {
-        (void)snprintf(reply->message, sizeof reply->message, "out of memory for %zu cells", element_n);
+        (void)snprintf(reply->message, sizeof reply->message, "out of memory for %zu cells",
+                       element_n);
         free(number);
         free(by_tag);
         return 0;

@@ -3,9 +3,9 @@
 /// Standard input: one pal_mesher_request, then position (3 vertex_count doubles), triangle
 /// (3 triangle_count int32), source (source_count pal_mesher_source). Standard output: one
 /// pal_mesher_reply, then the coordinates of the inside nodes (3 inside_count doubles) and tet
-/// (4 tet_count int32; nodes below vertex_count are the request's vertices in their order). Standard
-/// error: lines "progress F" with F in 0..1. Both ends are the same build on the same machine: the
-/// structs travel as they lie in memory, sizes and version checked.
+/// (4 tet_count int32; nodes below vertex_count are the request's vertices in their order).
+/// Standard error: lines "progress F" with F in 0..1. Both ends are the same build on the same
+/// machine: the structs travel as they lie in memory, sizes and version checked.
 #ifndef PALPATE_SRC_MESHER_PROTOCOL_H
 #define PALPATE_SRC_MESHER_PROTOCOL_H
 

@@ -2,8 +2,8 @@
 ///
 /// A process of its own because surface files come from strangers and libassimp 5.2 aborts or never
 /// ends on some of them. This is the only file that includes Assimp. It gives itself limits of
-/// memory and time before it parses, opens no file (the caller's descriptor is read), and tells what
-/// it found; the library checks all of it. Protocol: protocol.h. Single-threaded.
+/// memory and time before it parses, opens no file (the caller's descriptor is read), and tells
+/// what it found; the library checks all of it. Protocol: protocol.h. Single-threaded.
 #include <assimp/cimport.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
@@ -18,8 +18,8 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
-#include "src/helper.h"
-#include "src/pipe.h"
+#include "src/base/helper.h"
+#include "src/base/pipe.h"
 #include "src/reader/protocol.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
@@ -72,7 +72,7 @@ static int count_scene(const struct aiScene *scene, size_t *vertices, size_t *tr
 }
 
 #define REFUSE(a, why, ...)                                                                        \
-    ((void)snprintf((a)->reply.message, sizeof(a)->reply.message, __VA_ARGS__),                     \
+    ((void)snprintf((a)->reply.message, sizeof(a)->reply.message, __VA_ARGS__),                    \
      (a)->reply.verdict = (why), 0)
 
 /// One mesh of the scene behind what is there already.
@@ -162,7 +162,8 @@ static int check_request(const pal_reader_request *r, answer *a) {
         return REFUSE(a, PALPATE_READER_NO_SURFACE, "the request is impossible");
     }
     if (!confine(r)) {
-        return REFUSE(a, PALPATE_READER_NO_SURFACE, "its limits cannot be set: %s", strerror(errno));
+        return REFUSE(a, PALPATE_READER_NO_SURFACE, "its limits cannot be set: %s",
+                      strerror(errno));
     }
     return 1;
 }

@@ -10,9 +10,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "haptic/hash.h"
-#include "src/scene_hash.h"
+#include "haptic/base/error.h"
+#include "haptic/base/hash.h"
+#include "src/scene/scene_hash.h"
 
 /// Raise it when the same scene gives a different model (cloud, discretization, solution, storage).
 #define PALPATE_PHYSICS_REVISION 4
@@ -142,9 +142,9 @@ pal_status pal_scene_write_canonical(pal_scene *scene, pal_error *error) {
         (int)m->kind, (int)m->basis, (int)m->derivatives, (int)m->neighbours, (int)m->exponent,
         (int)m->fictitious, (int)m->volumetric, (int)m->form, m->stabilization,
         (int)m->integration);
-    put(f, "estimate %d\nrepair %d\ncertify %d\nstore %d precision %d tolerance %.17g\n", (int)scene->estimate,
-        (int)scene->symmetrize, (int)scene->certify_warn, (int)scene->store_rows, (int)scene->precision,
-        scene->store_tolerance);
+    put(f, "estimate %d\nrepair %d\ncertify %d\nstore %d precision %d tolerance %.17g\n",
+        (int)scene->estimate, (int)scene->symmetrize, (int)scene->certify_warn,
+        (int)scene->store_rows, (int)scene->precision, scene->store_tolerance);
     if (scene->skin.path[0] != '\0') {
         put(f, "skin scale %.17g\n", scene->skin.scale);
     }

@@ -2,7 +2,7 @@
 #ifndef PALPATE_SRC_SCENE_HASH_H
 #define PALPATE_SRC_SCENE_HASH_H
 
-#include "src/scene.h"
+#include "src/scene/scene.h"
 
 /// Write scene->canonical: every key that determines the model, defaults included, one a line,
 /// numbers as %.17g. The thread's locale must be "C". @return PALPATE_OK, _MEMORY

@@ -7,9 +7,9 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "haptic/error.h"
-#include "src/scene_hash.h"
-#include "src/scene_schema.h"
+#include "haptic/base/error.h"
+#include "src/scene/scene_hash.h"
+#include "src/scene/scene_schema.h"
 
 char *pal_place_text(const pal_scene *scene, const pal_place *place, char *out, size_t size) {
     const pal_place nowhere = {0};

@@ -6,8 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/scene_schema.h"
+#include "haptic/base/error.h"
+#include "src/scene/scene_schema.h"
 
 static pal_status read_row(pal_reading *r, int row, const pal_value *value, void *object);
 

@@ -8,9 +8,9 @@
 
 #include <palpate/session.h>
 
-#include "haptic/error.h"
-#include "src/scene_schema.h"
-#include "src/scene_size.h"
+#include "haptic/base/error.h"
+#include "src/scene/scene_schema.h"
+#include "src/scene/scene_size.h"
 
 pal_status pal_rule_geometry(pal_reading *r, const pal_value *value, void *object) {
     const struct pal_scene *scene = object;
@@ -278,8 +278,9 @@ pal_status pal_rule_tool(pal_reading *r, const pal_value *value, void *object) {
         (spec->max_torque > 0.0 && tool->limits.torque > spec->max_torque)) {
         pal_place place;
         pal_reading_place(r, limits, &place);
-        if (pal_scene_warn(r->scene, &place,
-                           "a limit is above what device_spec says the device bears: the device's holds") !=
+        if (pal_scene_warn(
+                r->scene, &place,
+                "a limit is above what device_spec says the device bears: the device's holds") !=
             PALPATE_OK) {
             return pal_reading_memory(r);
         }
@@ -351,14 +352,14 @@ pal_status pal_rule_body(pal_reading *r, const pal_value *value, void *object) {
 pal_status pal_rule_watchdog(pal_reading *r, const pal_value *value, void *object) {
     const pal_watchdog_def *w = &((const struct pal_scene *)object)->runtime.watchdog;
     if (w->latch < w->stale || w->latch < w->stall) {
-        return pal_reading_fail(r, PALPATE_ERROR_SCENE, value, "latch", "a time shorter than stale or stall",
-                                "at least both", "raise it");
+        return pal_reading_fail(r, PALPATE_ERROR_SCENE, value, "latch",
+                                "a time shorter than stale or stall", "at least both", "raise it");
     }
     return PALPATE_OK;
 }
 
 /// A simulated device is advanced by steps of at most 1 / rate: no more than 100 of them per tick
-/// (haptic/device_simulated.c demands the same).
+/// (haptic/device/device_simulated.c demands the same).
 static pal_status rule_simulated_rate(pal_reading *r, const pal_value *root, int32_t tool) {
     const pal_device_def *device = &r->scene->runtime.tools[tool].device;
     const pal_simulated *s = &device->simulated;
@@ -383,19 +384,21 @@ static pal_status rule_simulated_rate(pal_reading *r, const pal_value *root, int
 }
 
 /// Stiffness and damping that the scene does not give. Devices that feel the force (simulated, the
-/// host's) get the coupling that bench/stability found stable; prescribed motions cannot be unstable
-/// and stay rigid, and so does contact law nodes, which has no coupling.
+/// host's) get the coupling that bench/stability found stable; prescribed motions cannot be
+/// unstable and stay rigid, and so does contact law nodes, which has no coupling.
 static pal_status rule_coupling(pal_reading *r, const pal_value *root, int32_t index) {
     pal_tool_def *tool = &r->scene->runtime.tools[index];
     const pal_value *at = pal_value_get(pal_value_get(root, "tools")->item[index], "coupling");
-    int feels = tool->device.kind == PALPATE_DEVICE_SIMULATED || tool->device.kind == PALPATE_DEVICE_NONE;
+    int feels =
+        tool->device.kind == PALPATE_DEVICE_SIMULATED || tool->device.kind == PALPATE_DEVICE_NONE;
     if (pal_value_is_null(pal_value_get(at, "stiffness"))) {
         const pal_value *damping = pal_value_get(at, "damping");
         if (!pal_value_is_null(damping)) {
             char key[64];
             (void)snprintf(key, sizeof key, "tools[%d].coupling.damping", (int)index);
-            return pal_reading_fail(r, PALPATE_ERROR_SCENE, damping, key, "a damping without a stiffness",
-                                    "both, or a stiffness alone", "add stiffness");
+            return pal_reading_fail(r, PALPATE_ERROR_SCENE, damping, key,
+                                    "a damping without a stiffness", "both, or a stiffness alone",
+                                    "add stiffness");
         }
         double most = tool->spec.max_stiffness > 0.0 ? tool->spec.max_stiffness : (double)INFINITY;
         tool->coupling_stiffness = feels && r->scene->runtime.contact_law == PALPATE_CONTACT_SURFACE
@@ -404,7 +407,8 @@ static pal_status rule_coupling(pal_reading *r, const pal_value *root, int32_t i
     }
     if (pal_value_is_null(pal_value_get(at, "damping"))) {
         double most = tool->spec.max_damping > 0.0 ? tool->spec.max_damping : (double)INFINITY;
-        tool->coupling_damping = fmin(tool->coupling_stiffness / r->scene->runtime.servo_rate, most);
+        tool->coupling_damping =
+            fmin(tool->coupling_stiffness / r->scene->runtime.servo_rate, most);
     }
     return PALPATE_OK;
 }

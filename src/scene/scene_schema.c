@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "src/scene_schema.h"
+#include "src/scene/scene_schema.h"
 
 // Ranges: text, low, low is open, high, high is open.
 #define POSITIVE "more than 0", 0.0, 1, INFINITY, 0
@@ -266,15 +266,17 @@ static const pal_scene_key KEYS[] = {
            "of the stored displacement rows; scaled: 16-bit integers with a scale per column",
            struct pal_scene, precision),
     NUMBER("store.tolerance", "-", WITHIN(0, 0.5), "0",
-           "the rows are stored in the cheapest form whose displacements err by at most this part of the "
-           "largest (over sampled contacts); 0: as store.precision says", struct pal_scene,
-           store_tolerance),
+           "the rows are stored in the cheapest form whose displacements err by at most this part "
+           "of the "
+           "largest (over sampled contacts); 0: as store.precision says",
+           struct pal_scene, store_tolerance),
 
     MAP("skin", "(the body's surface file, or its own surface)",
         "the mesh that a host draws: displacement and normals can be asked for at its vertices",
         PLACE(struct pal_scene, skin.place)),
     {"skin.file", "path", "", "an STL, OBJ or PLY file", "required",
-     "any triangles near the body's surface; the vertices keep their order; relative to the scene file",
+     "any triangles near the body's surface; the vertices keep their order; relative to the scene "
+     "file",
      BIND(.kind = PALPATE_KEY_PATH, AT(struct pal_scene, skin.path),
           FLAGS(PALPATE_KEY_REQUIRED | PALPATE_KEY_EXISTS))},
     NUMBER("skin.scale", "m", POSITIVE, "1", "metres per unit of that file", struct pal_scene,
@@ -303,8 +305,9 @@ static const pal_scene_key KEYS[] = {
     NUMBER("tools[].shape.capsule.length", "m", POSITIVE, "required",
            "length of its axis, round ends not counted", pal_tool_def, length,
            FLAGS(PALPATE_KEY_REQUIRED)),
-    ONE_OF("tools[].device", "replay, scripted, simulated, or null", "(none: the host drives the tool)",
-           "what moves it; null: it stays at start", AT(pal_tool_def, device.kind)),
+    ONE_OF("tools[].device", "replay, scripted, simulated, or null",
+           "(none: the host drives the tool)", "what moves it; null: it stays at start",
+           AT(pal_tool_def, device.kind)),
     {"tools[].device.replay", "path", "", "a trajectory CSV file", "(one of)",
      "time,x,y,z,qw,qx,qy,qz,button; relative to the scene file",
      BIND(.kind = PALPATE_KEY_PATH, AT(pal_tool_def, device.path), OPTION(PALPATE_DEVICE_REPLAY))},
@@ -330,7 +333,8 @@ static const pal_scene_key KEYS[] = {
     NUMBER("tools[].device.scripted.tremor_frequency", "Hz", UP_TO(100), "10",
            "its frequency; physiological: 8 to 12", pal_tool_def, device.stroke.tremor_frequency),
     MAP("tools[].device.simulated", "(one of)",
-        "a simulated force-feedback device in a simulated hand, from start along axis: a closed loop",
+        "a simulated force-feedback device in a simulated hand, from start along axis: a closed "
+        "loop",
         OPTION(PALPATE_DEVICE_SIMULATED)),
     CHOICE("tools[].device.simulated.model", "touch | premium", "touch",
            "whose figures it has: Touch (Phantom Omni) or Phantom Premium 1.5", pal_tool_def,
@@ -341,14 +345,12 @@ static const pal_scene_key KEYS[] = {
            "viscous damping of the device alone", pal_tool_def, device.simulated.damping),
     NUMBER("tools[].device.simulated.friction", "N", WITHIN(0, 1000), "(by model: 0.26, 0.04)",
            "Coulomb friction of each axis", pal_tool_def, device.simulated.friction),
-    NUMBER("tools[].device.simulated.resolution", "m", WITHIN(0, 0.01),
-           "(by model: 5.5e-5, 3e-5)", "step of the encoders; 0: exact", pal_tool_def,
-           device.simulated.resolution),
+    NUMBER("tools[].device.simulated.resolution", "m", WITHIN(0, 0.01), "(by model: 5.5e-5, 3e-5)",
+           "step of the encoders; 0: exact", pal_tool_def, device.simulated.resolution),
     NUMBER("tools[].device.simulated.force", "N", WITHIN(0, 10000), "(by model: 3.3, 8.5)",
            "largest force of the actuators", pal_tool_def, device.simulated.force),
-    NUMBER("tools[].device.simulated.reach", "m", WITHIN(0.0001, 1000),
-           "(by model: 0.08, 0.19)", "each coordinate stops this far from start", pal_tool_def,
-           device.simulated.reach),
+    NUMBER("tools[].device.simulated.reach", "m", WITHIN(0.0001, 1000), "(by model: 0.08, 0.19)",
+           "each coordinate stops this far from start", pal_tool_def, device.simulated.reach),
     NUMBER("tools[].device.simulated.push", "N", WITHIN(-1000, 1000), "0",
            "constant force along axis, as of a weight", pal_tool_def, device.simulated.push),
     NUMBER("tools[].device.simulated.kick", "m/s", WITHIN(-10, 10), "0",
@@ -395,21 +397,23 @@ static const pal_scene_key KEYS[] = {
            "Coulomb friction coefficient (contact: {law: surface})", pal_tool_def, friction),
     MAP("tools[].coupling", "(see stiffness)",
         "virtual coupling between device and tool (contact law surface)"),
-    NUMBER("tools[].coupling.stiffness", "N/m", NOT_NEGATIVE,
-           "(1000 with a simulated device and with none (the host's), else 0)",
-           "its spring; 0: rigid, the device pose is the tool's; default: stable on soft and stiff "
-           "organs with and without a hand (bench/stability); never above device_spec.max_stiffness",
-           pal_tool_def, coupling_stiffness),
+    NUMBER(
+        "tools[].coupling.stiffness", "N/m", NOT_NEGATIVE,
+        "(1000 with a simulated device and with none (the host's), else 0)",
+        "its spring; 0: rigid, the device pose is the tool's; default: stable on soft and stiff "
+        "organs with and without a hand (bench/stability); never above device_spec.max_stiffness",
+        pal_tool_def, coupling_stiffness),
     NUMBER("tools[].coupling.damping", "N s/m", NOT_NEGATIVE, "(stiffness / servo.rate)",
            "its damper; never above device_spec.max_damping", pal_tool_def, coupling_damping),
     MAP("tools[].limits", "(all defaults)", "what the device may be asked for"),
-    NUMBER("tools[].limits.force", "N", UP_TO(1000), "auto",
-           "cap of the force's magnitude; auto: device_spec.max_force, else 3.3 (peak of a Geomagic "
-           "Touch); none: no cap, and each run says so",
-           pal_tool_def, limits.force, LIMIT_WORDS),
+    NUMBER(
+        "tools[].limits.force", "N", UP_TO(1000), "auto",
+        "cap of the force's magnitude; auto: device_spec.max_force, else 3.3 (peak of a Geomagic "
+        "Touch); none: no cap, and each run says so",
+        pal_tool_def, limits.force, LIMIT_WORDS),
     NUMBER("tools[].limits.slew", "N/ms", UP_TO(100000), "auto",
-           "cap of the force's rate of change; auto: 100; none: as above", pal_tool_def, limits.slew,
-           LIMIT_WORDS),
+           "cap of the force's rate of change; auto: 100; none: as above", pal_tool_def,
+           limits.slew, LIMIT_WORDS),
     NUMBER("tools[].limits.torque", "N m", UP_TO(100), "auto",
            "cap of the torque's magnitude; auto: device_spec.max_torque, else 0.2; none: as above",
            pal_tool_def, limits.torque, LIMIT_WORDS),
@@ -437,10 +441,11 @@ static const pal_scene_key KEYS[] = {
     MAP("render", "(all defaults)", "the picture"),
     NUMBER("render.rate", "Hz", WITHIN(0, 1000), "30", "frames per second; 0: none",
            struct pal_scene, runtime.render_rate),
-    CHOICE("render.field", "servo | render", "servo",
-           "who computes the displacement field: the servo after each force, or the render thread at "
-           "its own rate (large bodies: the tick then costs nothing for the field)",
-           struct pal_scene, runtime.field_by),
+    CHOICE(
+        "render.field", "servo | render", "servo",
+        "who computes the displacement field: the servo after each force, or the render thread at "
+        "its own rate (large bodies: the tick then costs nothing for the field)",
+        struct pal_scene, runtime.field_by),
     MAP("watchdog", "(all defaults)", "when input is a fault and the force fades, ramps or latches",
         .check = pal_rule_watchdog),
     NUMBER("watchdog.stale", "s", WITHIN(0.001, 1), "0.02",
@@ -453,8 +458,8 @@ static const pal_scene_key KEYS[] = {
            "stale or stalled this long: the force stays zero until it is let go", struct pal_scene,
            runtime.watchdog.latch),
     NUMBER("watchdog.speed", "m/s", WITHIN(0.001, 1000), "auto",
-           "a pose that moves faster is a jump; auto: device_spec.max_speed, else 20", struct pal_scene,
-           runtime.watchdog.speed, .word = {"auto"}, .word_value = {0}),
+           "a pose that moves faster is a jump; auto: device_spec.max_speed, else 20",
+           struct pal_scene, runtime.watchdog.speed, .word = {"auto"}, .word_value = {0}),
     NUMBER("watchdog.ramp_down", "s", WITHIN(1e-6, 1), "0.01", "time in which the force fades",
            struct pal_scene, runtime.watchdog.ramp_down),
     NUMBER("watchdog.ramp_up", "s", WITHIN(0.001, 10), "0.1",
@@ -464,8 +469,8 @@ static const pal_scene_key KEYS[] = {
            "contact anywhere on the surface, or prescribed displacement of touched nodes (paper 1)",
            struct pal_scene, runtime.contact_law),
     INTEGER("contact.points", WITHIN(1, 64), "16",
-            "law surface: contact points of one tool, 1, 6, 7, 16, 19 or 37 for a ball", struct pal_scene,
-            runtime.contact_points),
+            "law surface: contact points of one tool, 1, 6, 7, 16, 19 or 37 for a ball",
+            struct pal_scene, runtime.contact_points),
     INTEGER("max_contacts", WITHIN(1, 1024), "32", "contact points an engine keeps at once",
             struct pal_scene, runtime.max_contacts),
 };

@@ -8,8 +8,8 @@
 
 #include <stddef.h>
 
-#include "src/scene.h"
-#include "src/scene_tree.h"
+#include "src/scene/scene.h"
+#include "src/scene/scene_tree.h"
 
 typedef enum pal_key_kind {
     PALPATE_KEY_MAP,    ///< fixed keys, all in the same object

@@ -10,8 +10,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/scene_size.h"
+#include "haptic/base/error.h"
+#include "src/scene/scene_size.h"
 
 static const double PI = 3.14159265358979323846;
 static const double DENSITY = 1.1;

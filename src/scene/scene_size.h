@@ -2,7 +2,7 @@
 #ifndef PALPATE_SRC_SCENE_SIZE_H
 #define PALPATE_SRC_SCENE_SIZE_H
 
-#include "src/scene.h"
+#include "src/scene/scene.h"
 
 /// A scene that asks for more nodes than this is refused before anything is built.
 enum { PALPATE_SCENE_NODES_MAX = 200000 };

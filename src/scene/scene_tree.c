@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/scene_tree.h"
+#include "haptic/base/error.h"
+#include "src/scene/scene_tree.h"
 
 enum { CHUNK_BYTES = 16384, SEGMENTS_MAX = 16 };
 

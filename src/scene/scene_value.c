@@ -9,8 +9,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
-#include "src/scene_schema.h"
+#include "haptic/base/error.h"
+#include "src/scene/scene_schema.h"
 
 // ---- Messages ----------------------------------------------------------------------------------
 

@@ -8,8 +8,8 @@
 
 #include <yaml.h>
 
-#include "haptic/error.h"
-#include "src/scene_tree.h"
+#include "haptic/base/error.h"
+#include "src/scene/scene_tree.h"
 
 typedef struct reader {
     pal_tree *tree;

@@ -5,7 +5,7 @@
 #include <float.h>
 #include <math.h>
 
-#include "src/scene.h"
+#include "src/scene/scene.h"
 
 static const double TOLERANCE = 1e-6;
 

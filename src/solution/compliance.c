@@ -3,7 +3,7 @@
 /// Blocks of columns are handed out to worker threads by an atomic counter; each block is solved
 /// alone, so the result does not depend on the number of threads. The calling thread works too and
 /// reports progress between its blocks.
-#include "src/compliance.h"
+#include "src/solution/compliance.h"
 
 #include <math.h>
 #include <pthread.h>
@@ -12,16 +12,16 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
-#include "src/seconds.h"
+#include "haptic/base/error.h"
+#include "src/base/seconds.h"
 
 enum { SAMPLED_COLUMNS = 12, THREADS_MAX = 16 };
 /// A sampled residual above this earns every column one step of iterative refinement. Forces are
 /// asked to 1e-8 at best; backward stable solves give about 1e-13.
 static const double REFINE_ABOVE = 1e-10;
-/// Rows in half precision are scaled by the largest entry of the sampled columns times this: columns
-/// of a finer zone are larger, about as the spacings' ratio. Where that is not enough, all is solved
-/// again with as much more room.
+/// Rows in half precision are scaled by the largest entry of the sampled columns times this:
+/// columns of a finer zone are larger, about as the spacings' ratio. Where that is not enough, all
+/// is solved again with as much more room.
 static const double HALF_HEADROOM = 64.0;
 enum { HALF_TRIES = 4 };
 
@@ -31,13 +31,13 @@ typedef struct job {
     const pal_probe_weights *probes;
     pal_model *model;
     double unit;
-    double largest;       ///< entry of the stored rows over the sampled columns [m/N]
+    double largest; ///< entry of the stored rows over the sampled columns [m/N]
     int refine;
     int32_t block;        ///< columns per block
     int64_t column_count; ///< 3 * columns
     atomic_llong next;
     atomic_llong done;
-    atomic_int status;    ///< pal_status, first failure wins
+    atomic_int status; ///< pal_status, first failure wins
     const pal_progress *progress;
     double begin;
 } job;
@@ -296,7 +296,8 @@ pal_status pal_compliance_solve(const pal_system *system, pal_factor *factor, do
     w.progress = progress;
     w.block = PALPATE_FACTOR_BLOCK;
     if (w.column_count == 0 || !(w.unit > 0.0) || !isfinite(w.unit)) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "no column to solve, or young * length is not positive");
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "no column to solve, or young * length is not positive");
     }
     pal_status status = allocate_blocks(model, error);
     if (status == PALPATE_OK) {

@@ -9,9 +9,9 @@
 
 #include <stdint.h>
 
-#include "haptic/model.h"
-#include "src/discretization.h"
-#include "src/factor.h"
+#include "haptic/model/model.h"
+#include "src/discretization/discretization.h"
+#include "src/solution/factor.h"
 
 /// Interpolation of one probe: u(x) = sum_k weight[k] u(node[k]).
 enum { PALPATE_PROBE_NODES = 128 };
@@ -23,13 +23,13 @@ typedef struct pal_probe_weights {
 
 typedef struct pal_compliance_report {
     double residual; ///< worst ||K u - b|| / ||b|| over the sampled columns, as delivered
-    double balance;  ///< worst |sum of support reactions + applied force| over them; -1: no supports
+    double balance; ///< worst |sum of support reactions + applied force| over them; -1: no supports
     int32_t sampled; ///< columns sampled
     int32_t refined; ///< refinement steps given to every column
 } pal_compliance_report;
 
-/// Solve and store the blocks of `model`, whose column_node, row_node, counts and precision are set;
-/// allocates c_tt (raw, not symmetrized), c_st and probe_row.
+/// Solve and store the blocks of `model`, whose column_node, row_node, counts and precision are
+/// set; allocates c_tt (raw, not symmetrized), c_st and probe_row.
 /// @param young   Pa; @param length  metres per normalised length
 /// @param probes  (info.probe_count)
 /// Cost: column_count * 3 solves on every core. @return PALPATE_OK; _MEMORY, _CANCELLED, _SINGULAR

@@ -1,5 +1,5 @@
 /// @file factor.c  The one file that includes SuiteSparse: UMFPACK and CHOLMOD (see factor.h).
-#include "src/factor.h"
+#include "src/solution/factor.h"
 
 #include <float.h>
 #include <math.h>
@@ -10,10 +10,10 @@
 #include <cholmod.h>
 #include <umfpack.h>
 
-#include "haptic/error.h"
-#include "src/seconds.h"
-#include "src/lu_solve.h"
-#include "src/memory_plan.h"
+#include "haptic/base/error.h"
+#include "src/base/seconds.h"
+#include "src/solution/lu_solve.h"
+#include "src/solution/memory_plan.h"
 
 struct pal_factor {
     int32_t n;
@@ -67,7 +67,8 @@ static int triangle_alloc(size_t n, size_t entries, triangle *t) {
     return t->start == NULL || t->index == NULL || t->value == NULL;
 }
 
-/// Transpose what UMFPACK returns (L by rows, U by columns), dropping the diagonal; diagonal may be NULL.
+/// Transpose what UMFPACK returns (L by rows, U by columns), dropping the diagonal; diagonal may be
+/// NULL.
 static int transpose(size_t n, const SuiteSparse_long *start, const SuiteSparse_long *index,
                      const double *value, double *diagonal, triangle *t) {
     if (triangle_alloc(n, (size_t)start[n], t) != 0) {
@@ -113,7 +114,8 @@ static pal_status no_memory(int64_t entries, pal_error *error) {
                     (long long)entries);
 }
 
-/// Copy UMFPACK's factors into the block solver's panels, L first and then U: one at a time in memory.
+/// Copy UMFPACK's factors into the block solver's panels, L first and then U: one at a time in
+/// memory.
 static pal_status extract_lu(pal_factor *f, pal_error *error) {
     SuiteSparse_long lnz, unz, rows, columns, nz_diagonal, recip = 0;
     pal_lu *lu = &f->lu;
@@ -121,7 +123,8 @@ static pal_status extract_lu(pal_factor *f, pal_error *error) {
         return pal_fail(error, PALPATE_ERROR_SINGULAR, "UMFPACK did not return its factors");
     }
     size_t n = (size_t)f->n, most = (size_t)(lnz > unz ? lnz : unz);
-    SuiteSparse_long *start = malloc((n + 1) * sizeof *start), *index = malloc(most * sizeof *index);
+    SuiteSparse_long *start = malloc((n + 1) * sizeof *start),
+                     *index = malloc(most * sizeof *index);
     SuiteSparse_long *p = malloc(n * sizeof *p), *q = malloc(n * sizeof *q);
     double *value = malloc(most * sizeof *value);
     triangle t = {0};
@@ -131,8 +134,8 @@ static pal_status extract_lu(pal_factor *f, pal_error *error) {
     }
     // with a whole object it fails for lack of memory only
     if (status == PALPATE_OK &&
-        umfpack_dl_get_numeric(start, index, value, NULL, NULL, NULL, p, q, NULL, &recip, lu->row_scale,
-                               f->numeric) != UMFPACK_OK) {
+        umfpack_dl_get_numeric(start, index, value, NULL, NULL, NULL, p, q, NULL, &recip,
+                               lu->row_scale, f->numeric) != UMFPACK_OK) {
         status = no_memory(lnz + unz, error);
     }
     for (size_t i = 0; status == PALPATE_OK && i < n; i++) {
@@ -148,8 +151,9 @@ static pal_status extract_lu(pal_factor *f, pal_error *error) {
         status = no_memory(lnz, error);
     }
     triangle_clear(&t);
-    if (status == PALPATE_OK && umfpack_dl_get_numeric(NULL, NULL, NULL, start, index, value, NULL, NULL,
-                                                       NULL, NULL, NULL, f->numeric) != UMFPACK_OK) {
+    if (status == PALPATE_OK &&
+        umfpack_dl_get_numeric(NULL, NULL, NULL, start, index, value, NULL, NULL, NULL, NULL, NULL,
+                               f->numeric) != UMFPACK_OK) {
         status = no_memory(lnz + unz, error);
     }
     if (status == PALPATE_OK &&
@@ -175,17 +179,18 @@ static double rcond_floor(int32_t n) {
 }
 
 static pal_status singular_message(const double *info, int32_t n, pal_error *error) {
-    return pal_fail(error, PALPATE_ERROR_SINGULAR,
-                    "the stiffness is singular to working precision: rank about %.0f of %d unknowns "
-                    "(rcond %.1e); is the body held against every rigid motion (body.fixed), and is "
-                    "the spacing fine enough for its thinnest part?",
-                    n - (info[UMFPACK_NROW] - info[UMFPACK_UDIAG_NZ]), n, info[UMFPACK_RCOND]);
+    return pal_fail(
+        error, PALPATE_ERROR_SINGULAR,
+        "the stiffness is singular to working precision: rank about %.0f of %d unknowns "
+        "(rcond %.1e); is the body held against every rigid motion (body.fixed), and is "
+        "the spacing fine enough for its thinnest part?",
+        n - (info[UMFPACK_NROW] - info[UMFPACK_UDIAG_NZ]), n, info[UMFPACK_RCOND]);
 }
 
-/// Refuse a factorization that will not fit, before its numerical phase: with `entries` known from the
-/// symbolic analysis (exact unless pivots leave the diagonal), `bytes_each` at the peak (which is
-/// our extraction: the library's factor, its copy, its transpose and the panels), and 1 kB a thread and
-/// unknown for the solves.
+/// Refuse a factorization that will not fit, before its numerical phase: with `entries` known from
+/// the symbolic analysis (exact unless pivots leave the diagonal), `bytes_each` at the peak (which
+/// is our extraction: the library's factor, its copy, its transpose and the panels), and 1 kB a
+/// thread and unknown for the solves.
 static pal_status check_memory(int32_t n, double entries, double bytes_each, uint64_t reserve,
                                pal_error *error) {
     double need = entries * bytes_each + 2000.0 * n + (double)reserve;
@@ -193,11 +198,12 @@ static pal_status check_memory(int32_t n, double entries, double bytes_each, uin
     if (available <= 0.0 || need <= available) {
         return PALPATE_OK;
     }
-    return pal_fail(error, PALPATE_ERROR_MEMORY,
-                    "the factors of %d unknowns (%.3g million entries) and the compliance need about "
-                    "%.1f GB of memory and %.1f GB are free: use a larger body.spacing, narrow "
-                    "body.touchable or store less (store.displacement)",
-                    n, 1e-6 * entries, 1e-9 * need, 1e-9 * available);
+    return pal_fail(
+        error, PALPATE_ERROR_MEMORY,
+        "the factors of %d unknowns (%.3g million entries) and the compliance need about "
+        "%.1f GB of memory and %.1f GB are free: use a larger body.spacing, narrow "
+        "body.touchable or store less (store.displacement)",
+        n, 1e-6 * entries, 1e-9 * need, 1e-9 * available);
 }
 
 static pal_status create_lu(pal_factor *f, const pal_sparse *k, uint64_t reserve,
@@ -227,7 +233,8 @@ static pal_status create_lu(pal_factor *f, const pal_sparse *k, uint64_t reserve
     // an ordering fails for lack of memory only: a singular pattern is found later
     if (s == UMFPACK_ERROR_out_of_memory || s == UMFPACK_ERROR_ordering_failed) {
         return pal_fail(error, PALPATE_ERROR_MEMORY,
-                        "out of memory while factoring %d unknowns: use a larger body.spacing", f->n);
+                        "out of memory while factoring %d unknowns: use a larger body.spacing",
+                        f->n);
     }
     if (s == UMFPACK_WARNING_singular_matrix) {
         return singular_message(info, f->n, error);
@@ -339,15 +346,17 @@ static pal_status create_cholesky(pal_factor *f, const pal_sparse *k, uint64_t r
     if (f->chol == NULL || cholmod_l_factorize(&a, f->chol, common) == 0 ||
         common->status == CHOLMOD_OUT_OF_MEMORY || common->status == CHOLMOD_TOO_LARGE) {
         return pal_fail(error, PALPATE_ERROR_MEMORY,
-                        "out of memory while factoring %d unknowns: use a larger body.spacing", f->n);
+                        "out of memory while factoring %d unknowns: use a larger body.spacing",
+                        f->n);
     }
     double rcond = common->status == CHOLMOD_OK ? cholmod_l_rcond(f->chol, common) : 0.0;
     if (common->status == CHOLMOD_NOT_POSDEF || !(rcond > rcond_floor(f->n))) {
-        return pal_fail(error, PALPATE_ERROR_SINGULAR,
-                        "the stiffness is not positive definite (stopped at unknown %lld of %d, rcond "
-                        "%.1e); is the body held against every rigid motion (body.fixed), and is the "
-                        "spacing fine enough for its thinnest part?",
-                        (long long)f->chol->minor, f->n, rcond);
+        return pal_fail(
+            error, PALPATE_ERROR_SINGULAR,
+            "the stiffness is not positive definite (stopped at unknown %lld of %d, rcond "
+            "%.1e); is the body held against every rigid motion (body.fixed), and is the "
+            "spacing fine enough for its thinnest part?",
+            (long long)f->chol->minor, f->n, rcond);
     }
     if (!cholmod_l_change_factor(CHOLMOD_REAL, 1, 0, 1, 1, f->chol, common)) {
         return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for the factors of %d unknowns",
@@ -451,14 +460,15 @@ pal_status pal_factor_need(pal_factor *factor, const uint8_t *needed, pal_error 
     return PALPATE_OK;
 }
 
-pal_status pal_factor_solve(const pal_factor *factor, pal_factor_workspace *workspace, int32_t count,
-                            double *x, pal_error *error) {
+pal_status pal_factor_solve(const pal_factor *factor, pal_factor_workspace *workspace,
+                            int32_t count, double *x, pal_error *error) {
     if (count < 0 || workspace == NULL || workspace->factor != factor) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT, "workspace of another factor");
     }
     for (int32_t c = 0; c < count; c += PALPATE_LU_BLOCK) {
         int32_t m = count - c < PALPATE_LU_BLOCK ? count - c : PALPATE_LU_BLOCK;
-        pal_lu_solve(&factor->lu, pal_lu_best_variant(), m, x + (int64_t)c * factor->n, workspace->work);
+        pal_lu_solve(&factor->lu, pal_lu_best_variant(), m, x + (int64_t)c * factor->n,
+                     workspace->work);
     }
     return PALPATE_OK;
 }
@@ -494,8 +504,9 @@ pal_status pal_factor_solve_reference(const pal_factor *factor, const pal_sparse
                                           (const SuiteSparse_long *)k->row, k->value, x, b,
                                           factor->numeric, control, info);
     if (s != UMFPACK_OK) {
-        return pal_fail(error, s == UMFPACK_ERROR_out_of_memory ? PALPATE_ERROR_MEMORY : PALPATE_ERROR_SINGULAR,
-                        "UMFPACK's solve failed (status %ld)", (long)s);
+        return pal_fail(
+            error, s == UMFPACK_ERROR_out_of_memory ? PALPATE_ERROR_MEMORY : PALPATE_ERROR_SINGULAR,
+            "UMFPACK's solve failed (status %ld)", (long)s);
     }
     return PALPATE_OK;
 }

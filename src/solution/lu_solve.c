@@ -1,19 +1,19 @@
 /// @file lu_solve.c  Block triangular solves over extracted sparse LU factors.
 ///
 /// A sparse triangular solve with one right-hand side does two flops per factor entry and waits for
-/// memory. Here 32 right-hand sides lie side by side (work[row][32]), so each entry read from memory
-/// serves 32 of them; and consecutive columns of L (rows of U) of one elimination front, which have
-/// nearly the same pattern, are gathered into panels of up to 8 (zeros fill the differences), so that
-/// each row of the work array is read and written once per 8 entries instead of once per entry.
-/// Forward L: a panel's 8 pivots stay in registers and are scattered down. Backward U: 8 sums stay in
-/// registers and rows of the solution are gathered.
+/// memory. Here 32 right-hand sides lie side by side (work[row][32]), so each entry read from
+/// memory serves 32 of them; and consecutive columns of L (rows of U) of one elimination front,
+/// which have nearly the same pattern, are gathered into panels of up to 8 (zeros fill the
+/// differences), so that each row of the work array is read and written once per 8 entries instead
+/// of once per entry. Forward L: a panel's 8 pivots stay in registers and are scattered down.
+/// Backward U: 8 sums stay in registers and rows of the solution are gathered.
 ///
-/// Panels of L whose rows are still zero are skipped, tile by tile (a unit nodal force excites nothing
-/// before its own pivot); panels of U that no wanted unknown depends on are skipped too.
+/// Panels of L whose rows are still zero are skipped, tile by tile (a unit nodal force excites
+/// nothing before its own pivot); panels of U that no wanted unknown depends on are skipped too.
 ///
 /// The arithmetic is the same in every instruction-set variant: one product, one subtraction per
 /// entry, in the same order for each unknown, never fused; so results do not depend on the CPU.
-#include "src/lu_solve.h"
+#include "src/solution/lu_solve.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -96,8 +96,9 @@ static int32_t grow(int32_t n, int32_t k, const int64_t *start, const int32_t *i
 }
 
 /// Put column k + member of a panel (list of `length` numbers) into its values.
-static void fill(int32_t k, int32_t member, int32_t width, const int64_t *start, const int32_t *index,
-                 const double *value, const int32_t *list, int64_t length, int by_row, double *out) {
+static void fill(int32_t k, int32_t member, int32_t width, const int64_t *start,
+                 const int32_t *index, const double *value, const int32_t *list, int64_t length,
+                 int by_row, double *out) {
     double *triangle = out, *body = out + width * width;
     int64_t at = 0;
     int32_t j = k + member;
@@ -145,13 +146,14 @@ int pal_lu_panels_make(int32_t n, const int64_t *start, const int32_t *index, co
         int32_t *to = p->index + p->index_start[q];
         int64_t length = 0;
         for (int32_t m = 0; m < width; m++) {
-            length = merge(list, length, index + start[k + m], start[k + m + 1] - start[k + m], k + width,
-                           other);
+            length = merge(list, length, index + start[k + m], start[k + m + 1] - start[k + m],
+                           k + width, other);
             memcpy(list, other, (size_t)length * sizeof *list);
         }
         memcpy(to, list, (size_t)length * sizeof *to);
         for (int32_t m = 0; m < width; m++) {
-            fill(k, m, width, start, index, value, to, length, by_row, p->value + p->value_start[q]);
+            fill(k, m, width, start, index, value, to, length, by_row,
+                 p->value + p->value_start[q]);
         }
     }
     free(list);
@@ -165,8 +167,8 @@ int pal_lu_panels_make(int32_t n, const int64_t *start, const int32_t *index, co
 
 // ---- Kernels ------------------------------------------------------------------------------------
 
-/// The sweeps for one vector width. A tile is two vectors of right-hand sides; the panel is applied to
-/// one tile after the other while its values are in the nearest cache.
+/// The sweeps for one vector width. A tile is two vectors of right-hand sides; the panel is applied
+/// to one tile after the other while its values are in the nearest cache.
 #define LU_SWEEP(suffix, BYTES, ATTRIBUTE)                                                         \
     typedef double wide_##suffix __attribute__((vector_size(BYTES), may_alias));                   \
     enum { TILE_##suffix = 2 * (BYTES) / 8 };                                                      \
@@ -268,14 +270,30 @@ int pal_lu_panels_make(int32_t n, const int64_t *start, const int32_t *index, co
 /// One copy of the kernel per width, so that its loops unroll into registers.
 #define BY_WIDTH(width, kernel, ...)                                                               \
     switch (width) {                                                                               \
-    case 1: kernel(1, __VA_ARGS__); break;                                                         \
-    case 2: kernel(2, __VA_ARGS__); break;                                                         \
-    case 3: kernel(3, __VA_ARGS__); break;                                                         \
-    case 4: kernel(4, __VA_ARGS__); break;                                                         \
-    case 5: kernel(5, __VA_ARGS__); break;                                                         \
-    case 6: kernel(6, __VA_ARGS__); break;                                                         \
-    case 7: kernel(7, __VA_ARGS__); break;                                                         \
-    default: kernel(8, __VA_ARGS__); break;                                                        \
+    case 1:                                                                                        \
+        kernel(1, __VA_ARGS__);                                                                    \
+        break;                                                                                     \
+    case 2:                                                                                        \
+        kernel(2, __VA_ARGS__);                                                                    \
+        break;                                                                                     \
+    case 3:                                                                                        \
+        kernel(3, __VA_ARGS__);                                                                    \
+        break;                                                                                     \
+    case 4:                                                                                        \
+        kernel(4, __VA_ARGS__);                                                                    \
+        break;                                                                                     \
+    case 5:                                                                                        \
+        kernel(5, __VA_ARGS__);                                                                    \
+        break;                                                                                     \
+    case 6:                                                                                        \
+        kernel(6, __VA_ARGS__);                                                                    \
+        break;                                                                                     \
+    case 7:                                                                                        \
+        kernel(7, __VA_ARGS__);                                                                    \
+        break;                                                                                     \
+    default:                                                                                       \
+        kernel(8, __VA_ARGS__);                                                                    \
+        break;                                                                                     \
     }
 
 LU_SWEEP(base, 16, )
@@ -296,7 +314,8 @@ pal_lu_variant pal_lu_best_variant(void) {
     return PALPATE_LU_BASE;
 }
 
-void pal_lu_solve(const pal_lu *lu, pal_lu_variant variant, int32_t count, double *x, double *work) {
+void pal_lu_solve(const pal_lu *lu, pal_lu_variant variant, int32_t count, double *x,
+                  double *work) {
     int64_t n = lu->n;
     for (int64_t k = 0; k < n; k++) {
         int64_t i = lu->row_order[k];

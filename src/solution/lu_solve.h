@@ -7,8 +7,8 @@
 /// Right-hand sides solved at once, and the widest panel.
 enum { PALPATE_LU_BLOCK = 32, PALPATE_LU_WIDTH = 8 };
 
-/// A triangular factor as panels: up to 8 consecutive columns of L (rows of U) that share one list of
-/// row (column) numbers; where a member lacks an entry it holds a zero.
+/// A triangular factor as panels: up to 8 consecutive columns of L (rows of U) that share one list
+/// of row (column) numbers; where a member lacks an entry it holds a zero.
 typedef struct pal_lu_panels {
     int32_t count;
     int32_t *first;       ///< (count + 1) first column (row) of each panel

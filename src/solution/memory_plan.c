@@ -1,5 +1,5 @@
 /// @file memory_plan.c  Peak memory of the offline stage from counts alone (see memory_plan.h).
-#include "src/memory_plan.h"
+#include "src/solution/memory_plan.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -7,8 +7,8 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
-#include "haptic/model.h"
+#include "haptic/base/error.h"
+#include "haptic/model/model.h"
 
 uint64_t pal_memory_plan_blocks(const pal_model_info *info) {
     uint64_t t = 3 * (uint64_t)info->column_count, s = 3 * (uint64_t)info->row_count;
@@ -17,14 +17,16 @@ uint64_t pal_memory_plan_blocks(const pal_model_info *info) {
 
 uint64_t pal_memory_plan_peak(const pal_model_info *info) {
     uint64_t t = 3 * (uint64_t)info->column_count, n = 3 * (uint64_t)info->node_count;
-    // Before the symbolic analysis the factors are a guess (factor.c refuses by the exact count). From
-    // 1000 to 8000 nodes bench/offline finds 3.1 n^(5/3) entries in UMFPACK's L + U of the mixed galerkin
-    // system (within 3 %; 32 bytes each while they are extracted) and at most 1.4 n^(5/3) in CHOLMOD's L
-    // (48 bytes each), n the displacements. Nested dissection tends to n^(4/3): larger bodies need less.
+    // Before the symbolic analysis the factors are a guess (factor.c refuses by the exact count).
+    // From 1000 to 8000 nodes bench/offline finds 3.1 n^(5/3) entries in UMFPACK's L + U of the
+    // mixed galerkin system (within 3 %; 32 bytes each while they are extracted) and at most 1.4
+    // n^(5/3) in CHOLMOD's L (48 bytes each), n the displacements. Nested dissection tends to
+    // n^(4/3): larger bodies need less.
     double dn = (double)n, cube = cbrt(dn);
     double each = strcmp(info->method, "galerkin") == 0 ? 3.1 * 32.0 : 1.4 * 48.0;
     uint64_t factors = (uint64_t)(each * dn * cube * cube) + 2000 * n;
-    uint64_t certificate = 8 * t * t; // copies C_TT for its factorization; the factors are freed by then
+    uint64_t certificate =
+        8 * t * t; // copies C_TT for its factorization; the factors are freed by then
     return pal_memory_plan_blocks(info) + (factors > certificate ? factors : certificate);
 }
 
@@ -39,8 +41,9 @@ static uint64_t address_space(void) {
     return (uint64_t)pages * (uint64_t)sysconf(_SC_PAGESIZE);
 }
 
-/// What a limited address space has left for the model. OpenBLAS maps a buffer of 128 MiB per thread and
-/// tries for ever when it cannot have it; a thread's arena reserves 64 MiB more, its stack 8.
+/// What a limited address space has left for the model. OpenBLAS maps a buffer of 128 MiB per
+/// thread and tries for ever when it cannot have it; a thread's arena reserves 64 MiB more, its
+/// stack 8.
 static uint64_t address_space_left(uint64_t limit) {
     long cores = sysconf(_SC_NPROCESSORS_ONLN);
     uint64_t taken = address_space() + (cores > 0 ? (uint64_t)cores : 1) * (uint64_t)(200 << 20);

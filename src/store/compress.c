@@ -1,10 +1,10 @@
 /// @file compress.c  The cheapest form of the stored rows that meets a tolerance (see compress.h).
 ///
-/// Candidates: double, single, scaled 16-bit integers and bases in scaled integers. Half precision is none:
-/// at equal bytes its error is 5 to 10 times that of scaled (bench/compress). The tolerance of the
-/// bases holds for single columns; that of a contact follows from it by measurement: compress, sample,
-/// tighten or relax, at most TRIES times.
-#include "src/compress.h"
+/// Candidates: double, single, scaled 16-bit integers and bases in scaled integers. Half precision
+/// is none: at equal bytes its error is 5 to 10 times that of scaled (bench/compress). The
+/// tolerance of the bases holds for single columns; that of a contact follows from it by
+/// measurement: compress, sample, tighten or relax, at most TRIES times.
+#include "src/store/compress.h"
 
 #include <math.h>
 #include <pthread.h>
@@ -13,10 +13,10 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "haptic/error.h"
-#include "haptic/field_model.h"
-#include "src/field_sample.h"
-#include "src/row_clusters.h"
+#include "haptic/base/error.h"
+#include "haptic/engine/field_model.h"
+#include "src/store/field_sample.h"
+#include "src/store/row_clusters.h"
 
 enum { GROUP = 8, TOP = 128, TRIES = 5, THREADS_MAX = 16 };
 static const double SEPARATION = 0.4;
@@ -68,8 +68,7 @@ pal_status pal_rows_convert(const pal_model *model, pal_precision precision, pal
     borrow(model, out);
     out->info.precision = precision;
     double *column = malloc((3 * (size_t)model->info.row_count + 1) * sizeof *column);
-    pal_status status =
-        column != NULL ? pal_model_alloc_rows(out, error) : no_memory(error);
+    pal_status status = column != NULL ? pal_model_alloc_rows(out, error) : no_memory(error);
     double largest = 0;
     for (int64_t j = 0; status == PALPATE_OK && precision == PALPATE_PRECISION_HALF &&
                         j < 3 * (int64_t)model->info.column_count;
@@ -121,8 +120,8 @@ static void work_clear(work *w) {
 }
 
 /// Trees over rows and columns, and the columns' sizes.
-static pal_status prepare(const pal_model *m, double tolerance, const pal_progress *progress, work *w,
-                          pal_error *error) {
+static pal_status prepare(const pal_model *m, double tolerance, const pal_progress *progress,
+                          work *w, pal_error *error) {
     size_t rows = (size_t)m->info.row_count, columns = (size_t)m->info.column_count;
     *w = (work){.progress = progress};
     w->row_order = malloc((rows + 1) * sizeof *w->row_order);
@@ -179,9 +178,8 @@ static void run(work *w, int report) {
         if (t >= w->top_count) {
             break;
         }
-        pal_status status = pal_cluster_build(&w->job, w->top_start[t],
-                                              w->top_start[t + 1] - w->top_start[t], &w->cluster[t],
-                                              NULL);
+        pal_status status = pal_cluster_build(
+            &w->job, w->top_start[t], w->top_start[t + 1] - w->top_start[t], &w->cluster[t], NULL);
         if (status == PALPATE_OK && report && w->progress != NULL && w->progress->call != NULL &&
             w->progress->call(w->progress->user, "compress", (double)t / w->top_count, -1.0) != 0) {
             status = PALPATE_ERROR_CANCELLED;
@@ -213,7 +211,8 @@ static pal_status build_clusters(work *w, pal_error *error) {
     case PALPATE_OK:
         return PALPATE_OK;
     case PALPATE_ERROR_CANCELLED:
-        return pal_fail(error, PALPATE_ERROR_CANCELLED, "cancelled while compressing the stored rows");
+        return pal_fail(error, PALPATE_ERROR_CANCELLED,
+                        "cancelled while compressing the stored rows");
     case PALPATE_ERROR_SINGULAR:
         return pal_fail(error, PALPATE_ERROR_SINGULAR,
                         "the eigenvalues of a cluster of rows did not converge");
@@ -335,8 +334,8 @@ static pal_status fill_bases(const work *w, pal_row_bases *b, pal_error *error) 
                             residual[q] -= s * u[q];
                         }
                     }
-                    b->near_scale[b->near_scale_start[p] + k] = quantize(
-                        residual, count, w->size[j], b->near + b->near_start[p] + k * ld);
+                    b->near_scale[b->near_scale_start[p] + k] =
+                        quantize(residual, count, w->size[j], b->near + b->near_start[p] + k * ld);
                 }
             }
         }
@@ -351,8 +350,8 @@ static pal_status fill_bases(const work *w, pal_row_bases *b, pal_error *error) 
 static pal_status fill_coefficients(const work *w, pal_rows *out, pal_error *error) {
     double *s = malloc(((size_t)out->bases->rank + 1) * sizeof *s);
     pal_status status = s != NULL ? pal_model_alloc_rows(out, error) : no_memory(error);
-    for (int64_t j = 0; status == PALPATE_OK && out->bases->rank > 0 &&
-                        j < 3 * (int64_t)out->info.column_count;
+    for (int64_t j = 0;
+         status == PALPATE_OK && out->bases->rank > 0 && j < 3 * (int64_t)out->info.column_count;
          j++) {
         double *at = s;
         for (int32_t t = 0; t < w->top_count; t++) {
@@ -373,15 +372,17 @@ pal_status pal_rows_compress(const pal_model *model, double tolerance, const pal
     const pal_model_info *info = &model->info;
     borrow(model, out);
     if (model->bases != NULL || model->c_st == NULL || !(tolerance > 0) ||
-        (info->precision != PALPATE_PRECISION_DOUBLE && info->precision != PALPATE_PRECISION_SINGLE)) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
-                        "only rows in double or single precision can be compressed, to a tolerance above 0");
+        (info->precision != PALPATE_PRECISION_DOUBLE &&
+         info->precision != PALPATE_PRECISION_SINGLE)) {
+        return pal_fail(
+            error, PALPATE_ERROR_ARGUMENT,
+            "only rows in double or single precision can be compressed, to a tolerance above 0");
     }
     out->info.precision = PALPATE_PRECISION_SCALED;
     out->bases = calloc(1, sizeof *out->bases);
     work w = {0};
-    pal_status status = out->bases != NULL ? prepare(model, tolerance, progress, &w, error)
-                                           : no_memory(error);
+    pal_status status =
+        out->bases != NULL ? prepare(model, tolerance, progress, &w, error) : no_memory(error);
     if (status == PALPATE_OK) {
         status = build_clusters(&w, error);
     }
@@ -433,7 +434,8 @@ static pal_status fit_bases(const pal_model *model, const pal_field_sample *samp
         int fits = status == PALPATE_OK && now.error <= allowed,
             relaxed_too_far = !fits && best.error <= allowed,
             enough = fits && now.error > 0.45 * allowed, // ranks grow with the logarithm
-            rounding = !fits && now.error > 0.7 * before; // the integers': tightening brings no more
+            rounding =
+                !fits && now.error > 0.7 * before; // the integers': tightening brings no more
         inner *= fmax(0.25, fmin(2.0, 0.8 * allowed / now.error));
         if (fits && (best.error > allowed || now.cost < best.cost)) {
             pal_rows_clear(&best.rows);
@@ -470,15 +472,15 @@ pal_status pal_compress(pal_model *model, double tolerance, const pal_progress *
     }
     double allowed = SAFETY * tolerance;
     pal_field_sample sample;
-    pal_status status =
-        pal_field_sample_make(model, SEED, PALPATE_SAMPLE_COUNT, &sample, error);
+    pal_status status = pal_field_sample_make(model, SEED, PALPATE_SAMPLE_COUNT, &sample, error);
     if (status != PALPATE_OK) {
         return status;
     }
     candidate best = {.rows = *model}; // what it has
     status = measure(&sample, &best, error);
     borrow(model, &best.rows);
-    if (status == PALPATE_OK && tolerance > 0 && model->info.precision == PALPATE_PRECISION_DOUBLE) {
+    if (status == PALPATE_OK && tolerance > 0 &&
+        model->info.precision == PALPATE_PRECISION_DOUBLE) {
         candidate c = {.error = INFINITY};
         status = pal_rows_convert(model, PALPATE_PRECISION_SINGLE, &c.rows, error);
         status = status == PALPATE_OK ? measure(&sample, &c, error) : status;

@@ -1,12 +1,12 @@
 /// @file field_sample.c  Contacts to measure a stored field with (see field_sample.h).
-#include "src/field_sample.h"
+#include "src/store/field_sample.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "haptic/field_model.h"
+#include "haptic/base/error.h"
+#include "haptic/engine/field_model.h"
 
 /// Numbers in [0, 1): the same everywhere (Knuth's MMIX generator, upper bits).
 static double unit_random(uint64_t *state) {
@@ -37,7 +37,8 @@ static void make_contact(const pal_model *m, int32_t wanted, int friction, uint6
     }
     qsort(near, (size_t)columns, sizeof *near, by_distance);
     int32_t count = wanted < columns ? wanted : columns;
-    double reach = near[count - 1].square > 0 ? 1.02 * near[count - 1].square : 1, side[3], length = 0;
+    double reach = near[count - 1].square > 0 ? 1.02 * near[count - 1].square : 1, side[3],
+           length = 0;
     for (int i = 0; i < 3; i++) {
         side[i] = unit_random(random) - 0.5;
         length += side[i] * side[i];
@@ -71,7 +72,8 @@ pal_status pal_field_sample_make(const pal_model *model, uint64_t seed, int32_t 
     double *column = malloc((rows + 1) * sizeof *column);
     pal_status status = PALPATE_OK;
     if (out->contact == NULL || out->field == NULL || near == NULL || column == NULL) {
-        status = pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for %d sampled fields", (int)count);
+        status = pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory for %d sampled fields",
+                          (int)count);
     }
     uint64_t random = seed * 2 + 1;
     for (int32_t s = 0; status == PALPATE_OK && s < count; s++) {

@@ -4,7 +4,7 @@
 /// loaded: directory and file must belong to the effective user and be writable by nobody else, and
 /// neither may be a symbolic link. Files are named by content hash and replaced by atomic rename.
 /// Thread: any; other processes may use the same cache at the same time.
-#include "src/model_cache.h"
+#include "src/store/model_cache.h"
 
 #include <dirent.h>
 #include <errno.h>
@@ -19,9 +19,9 @@
 
 #include <palpate/precompute.h>
 
-#include "haptic/error.h"
-#include "haptic/hash.h"
-#include "haptic/model.h"
+#include "haptic/base/error.h"
+#include "haptic/base/hash.h"
+#include "haptic/model/model.h"
 
 static const char remedy[] = "set PALPATE_CACHE to a directory of your own";
 
@@ -127,7 +127,8 @@ pal_status pal_cache_find(const char *hash, pal_model **out, pal_error *error) {
     char path[4096];
     if (out == NULL || hash == NULL || strlen(hash) != 2 * PALPATE_HASH_BYTES ||
         strspn(hash, "0123456789abcdef") != 2 * PALPATE_HASH_BYTES) {
-        return pal_fail(error, PALPATE_ERROR_ARGUMENT, "pal_cache_find: '%.70s' is not a model's hash",
+        return pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                        "pal_cache_find: '%.70s' is not a model's hash",
                         hash != NULL ? hash : "(NULL)");
     }
     *out = NULL;

@@ -1,14 +1,14 @@
 /// @file model_fill.c  From scene, cloud and node sets to the model's tables (see model_fill.h).
-#include "src/model_fill.h"
+#include "src/store/model_fill.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
-#include "src/locate.h"
-#include "src/neighbours.h"
+#include "haptic/base/error.h"
+#include "src/cloud/locate.h"
+#include "src/discretization/neighbours.h"
 
 enum { SURFACE_CANDIDATES = 8 };
 
@@ -91,7 +91,7 @@ static pal_status fill_sets(const pal_scene *scene, const pal_node_sets *sets, p
                                                                    : n;
     // a tolerance chooses the form of the rows itself, from rows that are more exact
     double tolerance = scene->store_tolerance;
-    info->precision = tolerance == 0      ? scene->precision
+    info->precision = tolerance == 0     ? scene->precision
                       : tolerance > 1e-5 ? PALPATE_PRECISION_SINGLE
                                          : PALPATE_PRECISION_DOUBLE;
     info->patch_count = sets->patch_count;
@@ -128,10 +128,11 @@ static pal_status fill_sets(const pal_scene *scene, const pal_node_sets *sets, p
     free(index);
     if (status == PALPATE_OK && columns == 0) {
         char place[1400];
-        status = pal_fail(error, PALPATE_ERROR_SCENE,
-                          "%s: no surface node is touchable and there is no patch, so there is nothing "
-                          "to press; let body.touchable or body.patches select free surface nodes",
-                          pal_place_text(scene, &scene->touchable_place, place, sizeof place));
+        status =
+            pal_fail(error, PALPATE_ERROR_SCENE,
+                     "%s: no surface node is touchable and there is no patch, so there is nothing "
+                     "to press; let body.touchable or body.patches select free surface nodes",
+                     pal_place_text(scene, &scene->touchable_place, place, sizeof place));
     }
     return status;
 }
@@ -168,19 +169,22 @@ static pal_status fill_probes(const pal_scene *scene, const pal_cloud *cloud, pa
             (void)pal_cloud_nearest_triangle(cloud, &ring, node, count, x, &distance, weight);
             double allowed = 0.5 * cloud->spacing[node[0]];
             if (distance > allowed) {
-                status = pal_fail(error, PALPATE_ERROR_SCENE,
-                                  "%s: the probe at (%g, %g, %g) lies outside the body, %.3g m from its "
-                                  "surface; move it inside",
-                                  pal_place_text(scene, &scene->probe[p].place, place, sizeof place),
-                                  scene->probe[p].position[0], scene->probe[p].position[1],
-                                  scene->probe[p].position[2], distance * cloud->length);
+                status =
+                    pal_fail(error, PALPATE_ERROR_SCENE,
+                             "%s: the probe at (%g, %g, %g) lies outside the body, %.3g m from its "
+                             "surface; move it inside",
+                             pal_place_text(scene, &scene->probe[p].place, place, sizeof place),
+                             scene->probe[p].position[0], scene->probe[p].position[1],
+                             scene->probe[p].position[2], distance * cloud->length);
                 break;
             }
         }
-        int32_t used = pal_interpolate(cloud, x, PALPATE_PROBE_NODES, probes[p].node, probes[p].weight);
+        int32_t used =
+            pal_interpolate(cloud, x, PALPATE_PROBE_NODES, probes[p].node, probes[p].weight);
         if (used < 0) {
-            status = pal_fail(error, (pal_status)used, "%s: the solution cannot be interpolated there",
-                              pal_place_text(scene, &scene->probe[p].place, place, sizeof place));
+            status =
+                pal_fail(error, (pal_status)used, "%s: the solution cannot be interpolated there",
+                         pal_place_text(scene, &scene->probe[p].place, place, sizeof place));
         }
         probes[p].count = used;
     }

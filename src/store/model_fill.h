@@ -2,11 +2,11 @@
 #ifndef PALPATE_SRC_MODEL_FILL_H
 #define PALPATE_SRC_MODEL_FILL_H
 
-#include "haptic/model.h"
-#include "src/cloud.h"
-#include "src/compliance.h"
-#include "src/scene.h"
-#include "src/scene_check.h"
+#include "haptic/model/model.h"
+#include "src/cloud/cloud.h"
+#include "src/solution/compliance.h"
+#include "src/scene/scene.h"
+#include "src/cloud/scene_check.h"
 
 /// Fill `model` (fresh from pal_model_new) from a scene, its cloud and its node sets: positions in
 /// metres, columns (touchable and patch nodes), rows (as store.displacement says), patches, probes,

@@ -1,12 +1,13 @@
 /// @file row_clusters.c  Which rows share a basis, and the basis (see row_clusters.h).
 ///
-/// Bottom up over a tree of halved boxes. At a leaf, the rows A of 16 nodes: eigenvectors of A A^T over
-/// the columns of the far groups (its left singular vectors), as many as the tolerance needs. A parent's
-/// basis is sought inside its children's: their coefficients are all that is left to decompose, so each
-/// level costs what the leaves do. Far groups of a parent are far from both children. The price of a
-/// cluster is what a field reads of it; the cheaper of a cluster and its two halves is kept
-/// (Boerm, Efficient Numerical Methods for Non-local Operators, 2010, ch. 6, with prices for ranks).
-#include "src/row_clusters.h"
+/// Bottom up over a tree of halved boxes. At a leaf, the rows A of 16 nodes: eigenvectors of A A^T
+/// over the columns of the far groups (its left singular vectors), as many as the tolerance needs.
+/// A parent's basis is sought inside its children's: their coefficients are all that is left to
+/// decompose, so each level costs what the leaves do. Far groups of a parent are far from both
+/// children. The price of a cluster is what a field reads of it; the cheaper of a cluster and its
+/// two halves is kept (Boerm, Efficient Numerical Methods for Non-local Operators, 2010, ch. 6,
+/// with prices for ranks).
+#include "src/store/row_clusters.h"
 
 #include <cblas.h>
 #include <lapacke.h>
@@ -14,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 enum { LEAF = 16, SAMPLED = 256 };
 /// A basis is only a stage on the way to its parent's at this part of the tolerance.
@@ -190,7 +191,8 @@ typedef struct room {
 
 static int room_make(room *r, int64_t rows, int64_t n, int64_t full) {
     int64_t wide = full > rows ? full : rows;
-    int64_t sizes[] = {rows * n, wide * n, full * full, full, rows * SAMPLED, full * SAMPLED}, sum = 1;
+    int64_t sizes[] = {rows * n, wide * n, full * full, full, rows * SAMPLED, full * SAMPLED},
+            sum = 1;
     for (int i = 0; i < 6; i++) {
         sum += sizes[i];
     }
@@ -240,7 +242,8 @@ static int decompose(const pal_cluster_job *job, room *r, int32_t rows, int32_t 
             nf += 3;
         }
     }
-    cblas_dsyrk(CblasColMajor, CblasUpper, CblasNoTrans, full, nf, 1, r->far, full, 0, r->gram, full);
+    cblas_dsyrk(CblasColMajor, CblasUpper, CblasNoTrans, full, nf, 1, r->far, full, 0, r->gram,
+                full);
     int info = LAPACKE_dsyev(LAPACK_COL_MAJOR, 'V', 'U', full, r->gram, full, r->value);
     if (info != 0) {
         return info;
@@ -256,8 +259,8 @@ static int decompose(const pal_cluster_job *job, room *r, int32_t rows, int32_t 
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, rows, full, full, 1, inner, rows,
                     r->gram, full, 0, basis, rows);
     }
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, full, n, full, 1, r->gram, full, coef, full, 0,
-                r->far, full);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, full, n, full, 1, r->gram, full, coef,
+                full, 0, r->far, full);
     memcpy(coef, r->far, (size_t)full * (size_t)n * sizeof *coef);
     return 0;
 }
@@ -315,7 +318,8 @@ static pal_cluster *finish(const pal_cluster_job *job, const room *r, int32_t fi
     subtract(rows, n, rank, r->a, basis, coef, full, r->far);
     double near_columns = 0, near_groups = 0, stored = (double)((rows + 31) / 32 * 32);
     for (int32_t g = 0; g < job->group_count; g++) {
-        for (int32_t k = 3 * job->group_start[g]; !c->near[g] && k < 3 * job->group_start[g + 1]; k++) {
+        for (int32_t k = 3 * job->group_start[g]; !c->near[g] && k < 3 * job->group_start[g + 1];
+             k++) {
             size_t j = 3 * (size_t)job->column_order[k / 3] + (size_t)(k % 3);
             c->near[g] = node_size(r->far + j * (size_t)rows, count) > job->tolerance;
         }
@@ -384,11 +388,10 @@ static pal_status build(const pal_cluster_job *job, int32_t first, int32_t count
         int32_t rank = 0, samples = 0;
         if (full > 0) {
             int info = decompose(job, &r, rows, full, inner, up->far, up->coef, basis);
-            status = info == 0 ? PALPATE_OK
-                     : info < 0
-                         ? no_memory(error)
-                         : pal_fail(error, PALPATE_ERROR_SINGULAR,
-                                    "the eigenvalues of a cluster of rows did not converge");
+            status = info == 0  ? PALPATE_OK
+                     : info < 0 ? no_memory(error)
+                                : pal_fail(error, PALPATE_ERROR_SINGULAR,
+                                           "the eigenvalues of a cluster of rows did not converge");
         }
         if (status == PALPATE_OK && full > 0) {
             samples = take_samples(job, &r, rows, full, up->far, up->coef);
@@ -399,12 +402,13 @@ static pal_status build(const pal_cluster_job *job, int32_t first, int32_t count
             status = one != NULL ? PALPATE_OK : no_memory(error);
         }
         if (status == PALPATE_OK) { // for the parent: a little more of the basis
-            up->rank = full > 0 ? needed_rank(&r, count, samples, full, basis, STAGE * job->tolerance) : 0;
+            up->rank =
+                full > 0 ? needed_rank(&r, count, samples, full, basis, STAGE * job->tolerance) : 0;
             up->basis = basis;
             basis = NULL;
             for (int32_t j = 0; j < n; j++) {
-                memmove(up->coef + (size_t)j * (size_t)up->rank, up->coef + (size_t)j * (size_t)full,
-                        (size_t)up->rank * sizeof *up->coef);
+                memmove(up->coef + (size_t)j * (size_t)up->rank,
+                        up->coef + (size_t)j * (size_t)full, (size_t)up->rank * sizeof *up->coef);
             }
         }
     }

@@ -1,8 +1,9 @@
-/// @file row_clusters.h  Clusters of rows and a basis for each: the offline half of row_bases.h (private).
+/// @file row_clusters.h  Clusters of rows and a basis for each: the offline half of row_bases.h
+/// (private).
 #ifndef PALPATE_SRC_ROW_CLUSTERS_H
 #define PALPATE_SRC_ROW_CLUSTERS_H
 
-#include "haptic/model.h"
+#include "haptic/model/model.h"
 
 /// One finished cluster: rows at positions [first, first + count) of the row order.
 typedef struct pal_cluster {
@@ -21,10 +22,11 @@ typedef struct pal_cluster_job {
     const int32_t *row_order;
     int32_t group_count;
     const int32_t *group_start, *column_order;
-    const double *size; ///< (3 columns) largest displacement of each column [m/N]; rows are divided by it
-    double tolerance;   ///< of a column's displacement at any node, relative to its largest
-    double separation;  ///< a group is far when it lies beyond (1 + this) radii of the cluster
-    double touched;     ///< dofs touched at once, for the cost
+    const double
+        *size; ///< (3 columns) largest displacement of each column [m/N]; rows are divided by it
+    double tolerance;  ///< of a column's displacement at any node, relative to its largest
+    double separation; ///< a group is far when it lies beyond (1 + this) radii of the cluster
+    double touched;    ///< dofs touched at once, for the cost
 } pal_cluster_job;
 
 /// Positions of points ordered so that each of the `start` intervals (count + 1 entries, NULL: not

@@ -12,8 +12,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "src/mesher_client.h"
-#include "src/reader_client.h"
+#include "src/cloud/mesher_client.h"
+#include "src/geometry/reader_client.h"
 #include "tests/fuzz/soup.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
@@ -24,7 +24,8 @@ static const pal_helper_kind nobody = {"palpate-nobody", "PALPATE_NOBODY"};
 static pal_helper prepare(const void *answer, size_t size, int *peer) {
     int pair[2];
     if (socketpair(AF_UNIX, SOCK_STREAM, 0, pair) != 0 ||
-        send(pair[1], answer, size, MSG_NOSIGNAL) != (ssize_t)size || shutdown(pair[1], SHUT_WR) != 0) {
+        send(pair[1], answer, size, MSG_NOSIGNAL) != (ssize_t)size ||
+        shutdown(pair[1], SHUT_WR) != 0) {
         abort();
     }
     *peer = pair[1];
@@ -55,7 +56,8 @@ static void read_surface(pal_helper *h) {
 static void fill_surface(pal_helper *h) {
     static const double x[12] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1};
     static const int32_t v[12] = {0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3};
-    const pal_mesher_request head = {.magic = PALPATE_MESHER_MAGIC, .vertex_count = 4, .triangle_count = 4};
+    const pal_mesher_request head = {
+        .magic = PALPATE_MESHER_MAGIC, .vertex_count = 4, .triangle_count = 4};
     pal_mesh_fill fill = {0};
     pal_error error = {0};
     pal_status status = pal_mesher_converse(h, &head, x, v, NULL, NULL, &fill, &error);

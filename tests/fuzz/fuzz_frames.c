@@ -1,16 +1,17 @@
-/// @file fuzz_frames.c  libFuzzer target: raw recordings (.ticks and .frames) read and made into the
-/// finished file.
+/// @file fuzz_frames.c  libFuzzer target: raw recordings (.ticks and .frames) read and made into
+/// the finished file.
 ///
 /// Input: a byte of mode; two bytes, the length of the tick items; then 64 bytes that change the
-/// frame header's first fields (exclusive or), the items of the tick file (pressed together: 16 bytes
-/// of input become one item), the rest of the frame file. Mode bit 0: the headers' checksums are made
-/// right; bit 1: the surface's and the items' too; bit 5: the frame file is only read. Oracle: refused with a message, or counts that
-/// add up; what `recover` makes of them opens and has as many rows.
+/// frame header's first fields (exclusive or), the items of the tick file (pressed together: 16
+/// bytes of input become one item), the rest of the frame file. Mode bit 0: the headers' checksums
+/// are made right; bit 1: the surface's and the items' too; bit 5: the frame file is only read.
+/// Oracle: refused with a message, or counts that add up; what `recover` makes of them opens and
+/// has as many rows.
 #include <stdint.h>
 #include <string.h>
 
-#include "haptic/recording_read.h"
-#include "haptic/replay.h"
+#include "haptic/recording/recording_read.h"
+#include "haptic/recording/replay.h"
 #include "tests/fuzz/scratch.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
@@ -72,7 +73,8 @@ static void write_frames(const char *path, const uint8_t *data, size_t size, int
         ((uint8_t *)&h)[i] ^= data[i];
     }
     if (mode & 8) { // a header that agrees with itself
-        h.item_bytes = pal_frames_item_bytes(h.row_count > 0 && h.row_count < 1 << 20 ? h.row_count : 3);
+        h.item_bytes =
+            pal_frames_item_bytes(h.row_count > 0 && h.row_count < 1 << 20 ? h.row_count : 3);
     }
     memcpy(file, &h, sizeof h);
     memcpy(file + PALPATE_FRAMES_HEADER, data + front, rest);
@@ -142,7 +144,8 @@ static void recover(const char *path) {
     }
     pal_tick_record row;
     for (int64_t i = 0; i < info->records; i++) {
-        if (pal_recording_rows(recording, i, 1, &row, &error) != PALPATE_OK && error.message[0] == 0) {
+        if (pal_recording_rows(recording, i, 1, &row, &error) != PALPATE_OK &&
+            error.message[0] == 0) {
             abort();
         }
     }

@@ -24,9 +24,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/file_header.h"
-#include "haptic/model.h"
-#include "src/compress.h"
+#include "haptic/model/file_header.h"
+#include "haptic/model/model.h"
+#include "src/store/compress.h"
 #include "tests/fuzz/h5_changes.h"
 #include "tests/support/synthetic_model.h"
 
@@ -36,7 +36,7 @@ int LLVMFuzzerInitialize(int *argc, char ***argv);
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 static h5_base bases[2]; ///< stored as half rows; compressed
-static int raw; ///< behind the gate, too
+static int raw;          ///< behind the gate, too
 
 static void take_base(pal_model *model, h5_base *base) {
     void *image;
@@ -72,10 +72,8 @@ int LLVMFuzzerInitialize(int *argc, char ***argv) {
 
 /// A tool pressed into it: the engine takes it or says why not, and answers finite forces.
 static void touch(const pal_model *model) {
-    const pal_tool_def tool = {.name = "ball",
-                               .shape = PALPATE_SHAPE_SPHERE,
-                               .radius = 0.004,
-                               .limits = {1.0, 1.0, 1.0}};
+    const pal_tool_def tool = {
+        .name = "ball", .shape = PALPATE_SHAPE_SPHERE, .radius = 0.004, .limits = {1.0, 1.0, 1.0}};
     pal_engine_def def = pal_engine_default_def();
     def.tool_count = 1;
     def.tools = &tool;
@@ -88,7 +86,8 @@ static void touch(const pal_model *model) {
             continue;
         }
         for (int k = 0; k < 4; k++) {
-            pal_tool_state in = {.position = {0.0, 0.0, 0.004 - 0.001 * k}, .orientation = {1.0, 0.0, 0.0, 0.0}};
+            pal_tool_state in = {.position = {0.0, 0.0, 0.004 - 0.001 * k},
+                                 .orientation = {1.0, 0.0, 0.0, 0.0}};
             pal_tool_force out;
             pal_frame frame;
             (void)pal_engine_tick(engine, &in, &out);
@@ -150,7 +149,8 @@ static void parse(const void *image, size_t size) {
 // ---- Modes 0 and 2: bytes
 // -------------------------------------------------------------------------
 
-static void change_bytes(const h5_base *base, const uint8_t *data, size_t size, int behind_the_gate) {
+static void change_bytes(const h5_base *base, const uint8_t *data, size_t size,
+                         int behind_the_gate) {
     uint8_t *image = malloc(base->size + 256);
     REQUIRE(image != NULL);
     memcpy(image, base->image, base->size);

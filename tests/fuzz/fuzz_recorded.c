@@ -1,4 +1,5 @@
-/// @file fuzz_recorded.c  libFuzzer target: the finished recording (HDF5), at the gate and behind it.
+/// @file fuzz_recorded.c  libFuzzer target: the finished recording (HDF5), at the gate and behind
+/// it.
 ///
 /// The input is a list of changes to a good recording, built at start. Its first byte chooses:
 ///   0  changes to the sealed file's bytes, {offset u24, xor u8}...: the gate refuses what differs
@@ -7,9 +8,9 @@
 #include <math.h>
 #include <string.h>
 
-#include "haptic/file_header.h"
-#include "haptic/recording_read.h"
-#include "haptic/replay.h"
+#include "haptic/model/file_header.h"
+#include "haptic/recording/recording_read.h"
+#include "haptic/recording/replay.h"
 #include "tests/fuzz/h5_changes.h"
 #include "tests/fuzz/scratch.h"
 #include "tests/support/synthetic_model.h"
@@ -80,7 +81,8 @@ static void read_all(pal_recording *recording) {
     pal_tick_record row[16];
     int64_t count = info->records < 16 ? info->records : 16;
     REQUIRE(info->records >= 0);
-    REQUIRE(pal_recording_rows(recording, info->records - count, count, row, &error) == PALPATE_OK ||
+    REQUIRE(pal_recording_rows(recording, info->records - count, count, row, &error) ==
+                PALPATE_OK ||
             error.message[0] != 0);
     pal_replay_report report;
     error = (pal_error){0};

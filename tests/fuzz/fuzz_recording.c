@@ -7,7 +7,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "haptic/recording_read.h"
+#include "haptic/recording/recording_read.h"
 #include "tests/fuzz/scratch.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);

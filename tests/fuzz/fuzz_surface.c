@@ -1,9 +1,10 @@
-/// @file fuzz_surface.c  libFuzzer target: surface files (OBJ, PLY, STL), from the file to the check.
+/// @file fuzz_surface.c  libFuzzer target: surface files (OBJ, PLY, STL), from the file to the
+/// check.
 ///
-/// Input: one byte that chooses the kind of file and the reader, then the file. PLY and STL (and OBJ
-/// for a body) go through palpate-reader, a process of its own, so a crash of Assimp is a refusal;
-/// OBJ in order is read in this process. Oracle: refused with a message, or a soup whose corners exist and
-/// whose numbers are finite, which the check takes or refuses with a message.
+/// Input: one byte that chooses the kind of file and the reader, then the file. PLY and STL (and
+/// OBJ for a body) go through palpate-reader, a process of its own, so a crash of Assimp is a
+/// refusal; OBJ in order is read in this process. Oracle: refused with a message, or a soup whose
+/// corners exist and whose numbers are finite, which the check takes or refuses with a message.
 #include <stdint.h>
 #include <string.h>
 
@@ -13,7 +14,8 @@
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    static const char *const kind[8] = {".obj", ".obj", ".ply", ".stl", ".obj", ".obj", ".ply", ".stl"};
+    static const char *const kind[8] = {".obj", ".obj", ".ply", ".stl",
+                                        ".obj", ".obj", ".ply", ".stl"};
     if (size < 1) {
         return 0;
     }
@@ -28,8 +30,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     (void)unlink(path);
     if (status == PALPATE_OK) {
         soup_check(&s);
-    } else if (error.message[0] == 0 ||
-               (status == PALPATE_ERROR_SYSTEM && strstr(error.message, "took more than") == NULL)) {
+    } else if (error.message[0] == 0 || (status == PALPATE_ERROR_SYSTEM &&
+                                         strstr(error.message, "took more than") == NULL)) {
         (void)fprintf(stderr, "status %d: %s\n", status, error.message);
         abort();
     }

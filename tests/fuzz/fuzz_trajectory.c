@@ -6,7 +6,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-#include "haptic/trajectory.h"
+#include "haptic/device/trajectory.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

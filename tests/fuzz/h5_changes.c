@@ -106,7 +106,8 @@ static void reshape(hid_t file, const char *name, uint32_t argument, uint64_t va
     H5Tclose(type);
 }
 
-static void act(const h5_base *base, hid_t file, const char *name, unsigned action, uint32_t argument, uint64_t value) {
+static void act(const h5_base *base, hid_t file, const char *name, unsigned action,
+                uint32_t argument, uint64_t value) {
     const char *other = base->name[argument % (uint32_t)base->names];
     hid_t group;
     switch (action % 8) {

@@ -1,5 +1,5 @@
-/// @file h5_changes.h  Changes to a good HDF5 file's content, made by HDF5 itself, so that HDF5 always
-/// gets a well-formed file and our own readers get the nonsense.
+/// @file h5_changes.h  Changes to a good HDF5 file's content, made by HDF5 itself, so that HDF5
+/// always gets a well-formed file and our own readers get the nonsense.
 #ifndef PALPATE_TESTS_FUZZ_H5_CHANGES_H
 #define PALPATE_TESTS_FUZZ_H5_CHANGES_H
 

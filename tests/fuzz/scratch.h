@@ -1,5 +1,6 @@
 /// @file scratch.h  Files for readers under fuzz: in memory where there is /dev/shm, one set per
-/// process. (A memfd by its name in /proc cannot be opened everywhere, and nothing would be fuzzed.)
+/// process. (A memfd by its name in /proc cannot be opened everywhere, and nothing would be
+/// fuzzed.)
 #ifndef PALPATE_TESTS_FUZZ_SCRATCH_H
 #define PALPATE_TESTS_FUZZ_SCRATCH_H
 

@@ -1,8 +1,9 @@
-/// @file seeds_main.c  Runs a fuzz target without a fuzzer: over its seeds and simple mutations of them.
+/// @file seeds_main.c  Runs a fuzz target without a fuzzer: over its seeds and simple mutations of
+/// them.
 ///
 /// Usage: TARGET MUTATIONS FILE... Each file is given as it is, then MUTATIONS times changed by a
-/// fixed random sequence (bytes overwritten, cut, doubled), so that every compiler and sanitizer the
-/// tests run with sees the same inputs. Ends by the target's own abort() or with 0.
+/// fixed random sequence (bytes overwritten, cut, doubled), so that every compiler and sanitizer
+/// the tests run with sees the same inputs. Ends by the target's own abort() or with 0.
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>

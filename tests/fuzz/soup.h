@@ -5,7 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "src/surface.h"
+#include "src/geometry/surface.h"
 
 static inline void soup_check(pal_surface *s) {
     for (int64_t i = 0; i < 3 * (int64_t)s->vertex_count; i++) {

@@ -3,8 +3,8 @@
 /// The model (a half space, synthetic_model.c) and the tools' paths come from +, -, *, / and sqrt
 /// alone, which IEEE 754 rounds correctly, so every build starts from the same bits; the first line
 /// is the model's own hash. tests/golden/compare.sh builds the online library in several ways and
-/// compares what this prints: compiler, optimisation level and instruction set must not change a bit
-/// of a force. Nothing of a pal_tool_force is left out. A field kernel the processor lacks is
+/// compares what this prints: compiler, optimisation level and instruction set must not change a
+/// bit of a force. Nothing of a pal_tool_force is left out. A field kernel the processor lacks is
 /// not run; the kernels must agree among themselves, so their lines do not name them.
 #include <inttypes.h>
 #include <math.h>
@@ -12,9 +12,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/engine.h"
-#include "haptic/hash.h"
-#include "haptic/model.h"
+#include "haptic/engine/engine.h"
+#include "haptic/base/hash.h"
+#include "haptic/model/model.h"
 #include "tests/support/synthetic_model.h"
 
 int main(void);
@@ -80,7 +80,8 @@ static void hash_force(pal_hash *hash, const pal_tool_force *f) {
     pal_hash_update(hash, f->normal, sizeof f->normal);
 }
 
-static void print_hash(const char *law, const char *name, const char *what, pal_hash *hash, double peak) {
+static void print_hash(const char *law, const char *name, const char *what, pal_hash *hash,
+                       double peak) {
     uint8_t sum[PALPATE_HASH_BYTES];
     pal_hash_final(hash, sum);
     (void)printf("%s; %s; %s: ", law, name, what);
@@ -171,12 +172,14 @@ int main(void) {
         size_t n = 3 * (size_t)model->info.column_count;
         pal_hash_init(&hash, PALPATE_HASH_BYTES);
         pal_hash_update(&hash, model->c_tt, n * n * sizeof *model->c_tt);
-        pal_hash_update(&hash, model->position, 3 * (size_t)model->info.node_count * sizeof *model->position);
+        pal_hash_update(&hash, model->position,
+                        3 * (size_t)model->info.node_count * sizeof *model->position);
         print_hash("none", k == 1 ? "raw" : "symmetric", "model", &hash, model->c_tt[0]);
         for (int law = 0; law < LAWS; law++) {
             for (size_t i = 0; i < sizeof list / sizeof *list; i++) {
                 int first = 1;
-                for (int isa = 0; (list[i].skew > 0.0) == (k == 1) && isa < PALPATE_ISA_COUNT; isa++) {
+                for (int isa = 0; (list[i].skew > 0.0) == (k == 1) && isa < PALPATE_ISA_COUNT;
+                     isa++) {
                     if (pal_field_available((pal_isa)isa)) {
                         run(model, &list[i], law, (pal_isa)isa, first);
                         first = 0;

@@ -1,5 +1,6 @@
 /// The contact solver against enumeration (every active set tried) and Lemke's pivoting on random
-/// problems, ill-conditioned, skew and degenerate ones included; warm start, early stop, repeatability.
+/// problems, ill-conditioned, skew and degenerate ones included; warm start, early stop,
+/// repeatability.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -14,7 +15,7 @@
 #include <cmocka.h>
 #include <lapacke.h>
 
-#include "haptic/complementarity.h"
+#include "haptic/solver/complementarity.h"
 
 enum { MAX = 40 };
 
@@ -64,9 +65,10 @@ typedef struct problem {
     double m[MAX * MAX], q[MAX], condition, skew;
 } problem;
 
-/// Symmetric part with the given condition (eigenvalues spread logarithmically in [1 / condition, 1], in
-/// random directions) and a skew part of `skew` times its norm: either of random entries, which
-/// overwhelms the small eigenvalues, or S^1/2 K S^1/2, whose numerical range is a proper cone.
+/// Symmetric part with the given condition (eigenvalues spread logarithmically in [1 / condition,
+/// 1], in random directions) and a skew part of `skew` times its norm: either of random entries,
+/// which overwhelms the small eigenvalues, or S^1/2 K S^1/2, whose numerical range is a proper
+/// cone.
 static void random_matrix(problem *p, int n, double condition, double skew, int cone) {
     double v[MAX * MAX], k[MAX * MAX], s[MAX * MAX], root[MAX];
     p->n = n;
@@ -164,7 +166,8 @@ static double natural(const problem *p, const double *z) {
     return norm > 0 ? sqrt(sum / norm) : sqrt(sum);
 }
 
-static pal_lcp_result solve(const problem *p, int iterations, uint8_t *active, double *z, double *w) {
+static pal_lcp_result solve(const problem *p, int iterations, uint8_t *active, double *z,
+                            double *w) {
     static double work[MAX * (MAX + 10)];
     assert_true(pal_lcp_bytes(MAX) <= sizeof work);
     pal_lcp lcp = {.n = p->n, .m = p->m, .ld = p->n, .symmetric = p->skew <= 0, .q = p->q};
@@ -203,7 +206,8 @@ static void enumerate(const problem *p, double *z) {
     }
 }
 
-/// Lemke's complementary pivoting on the tableau w - M z - e z0 = q, ties broken by the larger pivot.
+/// Lemke's complementary pivoting on the tableau w - M z - e z0 = q, ties broken by the larger
+/// pivot.
 /// @return 0 when it ended on a ray or took too many pivots
 static int lemke(const problem *p, double *z) {
     enum { WIDTH = 2 * MAX + 2 };
@@ -266,8 +270,8 @@ static int lemke(const problem *p, double *z) {
     return 0;
 }
 
-/// Distance of two solutions in the gaps they leave, relative to q: M may have a condition of 1e6, so
-/// the forces themselves are known to 1e6 rounding errors only.
+/// Distance of two solutions in the gaps they leave, relative to q: M may have a condition of 1e6,
+/// so the forces themselves are known to 1e6 rounding errors only.
 static double gap_distance(const problem *p, const double *a, const double *b) {
     double sum = 0, norm = 0;
     for (int i = 0; i < p->n; i++) {
@@ -345,19 +349,22 @@ static void ten_thousand_random_problems(void **state) {
     }
     qsort(iterations, COUNT, sizeof *iterations, compare_int);
     qsort(us, COUNT, sizeof *us, compare_double);
-    print_message("  %d problems, m <= %d: residual <= %.1e, %d flagged\n", COUNT, MAX, worst, flagged);
-    print_message("  iterations p50 %d, p99 %d, worst %d; time p50 %.1f us, p99 %.1f us, worst %.1f us\n",
-                  iterations[COUNT / 2], iterations[COUNT - COUNT / 100], iterations[COUNT - 1],
-                  us[COUNT / 2], us[COUNT - COUNT / 100], us[COUNT - 1]);
-    print_message("  Lemke answered %d of them (%d lost to rounding): gaps agree to %.1e\n", compared,
-                  refused, worst_gap);
+    print_message("  %d problems, m <= %d: residual <= %.1e, %d flagged\n", COUNT, MAX, worst,
+                  flagged);
+    print_message(
+        "  iterations p50 %d, p99 %d, worst %d; time p50 %.1f us, p99 %.1f us, worst %.1f us\n",
+        iterations[COUNT / 2], iterations[COUNT - COUNT / 100], iterations[COUNT - 1],
+        us[COUNT / 2], us[COUNT - COUNT / 100], us[COUNT - 1]);
+    print_message("  Lemke answered %d of them (%d lost to rounding): gaps agree to %.1e\n",
+                  compared, refused, worst_gap);
     assert_true(worst < 1e-6);
     assert_true(flagged <= COUNT / 1000);
     assert_true(compared > COUNT * 9 / 10); // the comparison is one
     assert_true(worst_gap < 1e-6);          // both residuals are below 1e-6
 }
 
-/// A tick later: q has moved a little. The last set is a start that saves iterations, not a constraint.
+/// A tick later: q has moved a little. The last set is a start that saves iterations, not a
+/// constraint.
 static void warm_start_saves_iterations(void **state) {
     (void)state;
     seed = 5;
@@ -383,11 +390,13 @@ static void warm_start_saves_iterations(void **state) {
         warm_sum += warm.iterations;
         cold_sum += fresh.iterations;
     }
-    print_message("  mean iterations: warm %.2f, cold %.2f\n", (double)warm_sum / 500, (double)cold_sum / 500);
+    print_message("  mean iterations: warm %.2f, cold %.2f\n", (double)warm_sum / 500,
+                  (double)cold_sum / 500);
     assert_true(2 * warm_sum < cold_sum);
 }
 
-/// Cut off after k iterations: flagged, z >= 0, w of that z, never worse than k - 1 iterations or z = 0.
+/// Cut off after k iterations: flagged, z >= 0, w of that z, never worse than k - 1 iterations or z
+/// = 0.
 static void early_stop_is_usable_and_flagged(void **state) {
     (void)state;
     seed = 9;
@@ -452,7 +461,8 @@ static void lemke_ends_where_block_pivots_cycle(void **state) {
     enumerate(&p, exact);
     assert_true(gap_distance(&p, z, exact) < 1e-12);
     // cyclic P-matrix on which exchanging all wrong unknowns returns to the start
-    problem c = {.n = 3, .condition = 1, .skew = 1, .m = {1, 0, 2, 2, 1, 0, 0, 2, 1}, .q = {-1, -1, -1}};
+    problem c = {
+        .n = 3, .condition = 1, .skew = 1, .m = {1, 0, 2, 2, 1, 0, 0, 2, 1}, .q = {-1, -1, -1}};
     for (unsigned start = 0; start < 8; start++) {
         uint8_t active[MAX] = {start & 1, start >> 1 & 1, start >> 2 & 1};
         pal_lcp_result r = solve(&c, 1000, active, z, w);
@@ -473,7 +483,8 @@ static void refuses_what_is_not_positive(void **state) {
     assert_true(z[0] == 0 && z[1] == 0 && w[0] == -1 && w[1] == 2);
     assert_false(active[0] || active[1]);
     // nothing touched, nothing to do
-    problem free = {.n = 3, .condition = 1, .skew = 0, .m = {1, 0, 0, 0, 1, 0, 0, 0, 1}, .q = {1, 0, 2}};
+    problem free = {
+        .n = 3, .condition = 1, .skew = 0, .m = {1, 0, 0, 0, 1, 0, 0, 0, 1}, .q = {1, 0, 2}};
     uint8_t none[MAX] = {0};
     r = solve(&free, 10, none, z, w);
     assert_int_equal(r.state, PALPATE_LCP_SOLVED);

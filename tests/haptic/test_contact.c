@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/contact_nodes.h"
+#include "haptic/contact/contact_nodes.h"
 #include "tests/support/engine_rig.h"
 
 static uint64_t random_state = 3;

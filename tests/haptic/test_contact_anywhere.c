@@ -1,5 +1,5 @@
-/// The contact law "surface" on a synthetic half-space: pattern, working set, compliance between points
-/// against LAPACK, coupling, several tools, Hertz, continuity, grasp, capsules, determinism.
+/// The contact law "surface" on a synthetic half-space: pattern, working set, compliance between
+/// points against LAPACK, coupling, several tools, Hertz, continuity, grasp, capsules, determinism.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -11,10 +11,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/complementarity.h"
-#include "haptic/contact_anywhere.h"
-#include "haptic/contact_sweep.h"
-#include "haptic/pose.h"
+#include "haptic/solver/complementarity.h"
+#include "haptic/contact/contact_anywhere.h"
+#include "haptic/contact/contact_sweep.h"
+#include "haptic/base/pose.h"
 #include "tests/support/engine_rig.h"
 
 static const double PI = 3.14159265358979324;
@@ -177,8 +177,8 @@ static void working_set_holds_what_the_model_holds(void **state) {
 
 // ---- Compliance between points, forces, nodal forces --------------------------------------------
 
-/// Displacement of the body at a point along e under a unit force at another along f, from the whole
-/// model: Phi R Phi^T + K, written down anew.
+/// Displacement of the body at a point along e under a unit force at another along f, from the
+/// whole model: Phi R Phi^T + K, written down anew.
 static double compliance(const rig *r, const anywhere_point *i, const double e[3],
                          const anywhere_point *j, const double f[3]) {
     const pal_model *m = r->model;
@@ -197,7 +197,8 @@ static double compliance(const rig *r, const anywhere_point *i, const double e[3
     double d[3] = {i->x[0] - j->x[0], i->x[1] - j->x[1], i->x[2] - j->x[2]};
     double k = (tangent * dot(e, f) + (normal - tangent) * dot(e, i->normal) * dot(f, j->normal)) /
                sqrt(dot(d, d) + pow(i->width + j->width, 2));
-    // a little less between tools and between stations, against coincident points (contact_system.c)
+    // a little less between tools and between stations, against coincident points
+    // (contact_system.c)
     k *= i->tool != j->tool ? 0.99 : i->station != j->station ? 0.999 : 1.0;
     return sum + (i == j ? k / i->fade : k);
 }
@@ -344,9 +345,10 @@ static void proxy_is_in_equilibrium(void **state) {
             memcpy(device, x, sizeof device);
             deepest = fmax(deepest, out.depth);
         }
-        print_message("E %g: proxy %.3g mm deep under a device 3 mm deep\n", young[k], 1e3 * deepest);
-        // the hard body is not entered: the most its compliance lets 1.5 N sink a ball, Hertz's depth
-        // for that force, (F / (4/3 E* sqrt(R)))^(2/3), and a tenth for the points
+        print_message("E %g: proxy %.3g mm deep under a device 3 mm deep\n", young[k],
+                      1e3 * deepest);
+        // the hard body is not entered: the most its compliance lets 1.5 N sink a ball, Hertz's
+        // depth for that force, (F / (4/3 E* sqrt(R)))^(2/3), and a tenth for the points
         double hertz = pow(1.5 / (4.0 / 3.0 * modulus(&r) * sqrt(0.004)), 2.0 / 3.0);
         assert_true(deepest < fmin(0.003, 1.1 * hertz));
         rig_free(&r);
@@ -372,9 +374,9 @@ static void free_proxy_follows_its_device(void **state) {
 
 // ---- Continuity ---------------------------------------------------------------------------------
 
-/// Worst force change of a tick, over the motion of that tick times the stiffness of a rigid flat punch
-/// of the given radius, 2 E* a: nothing that a contact within that radius can do is stiffer. Where the
-/// tool hardly moves, over the rounding of positions instead.
+/// Worst force change of a tick, over the motion of that tick times the stiffness of a rigid flat
+/// punch of the given radius, 2 E* a: nothing that a contact within that radius can do is stiffer.
+/// Where the tool hardly moves, over the rounding of positions instead.
 typedef struct smooth {
     pal_tool_force last;
     double at[3], turn[2], worst, peak;
@@ -384,7 +386,8 @@ typedef struct smooth {
 static void follow(rig *r, smooth *s, const double x[3], double tilt, double roll, double reach,
                    double punch) {
     pal_tool_state in = rig_state(x[0], x[1], x[2]);
-    double y[4] = {cos(0.5 * tilt), 0, sin(0.5 * tilt), 0}, z[4] = {cos(0.5 * roll), sin(0.5 * roll), 0, 0};
+    double y[4] = {cos(0.5 * tilt), 0, sin(0.5 * tilt), 0},
+           z[4] = {cos(0.5 * roll), sin(0.5 * roll), 0, 0};
     pal_quat_multiply(z, y, in.orientation);
     pal_tool_force out;
     assert_int_equal(pal_engine_force(r->engine, &in, &out), 0);
@@ -406,8 +409,8 @@ static void follow(rig *r, smooth *s, const double x[3], double tilt, double rol
 
 enum { PRESS, SLIDE, TREMOR, DRAG, PATHS };
 
-/// Force changes of a ball of radius 4 mm that goes 1.5 mm deep (contact radius 2.4 mm, its pattern's
-/// 2.6 mm), rigid and behind a coupling, sent over a symmetric and a raw model.
+/// Force changes of a ball of radius 4 mm that goes 1.5 mm deep (contact radius 2.4 mm, its
+/// pattern's 2.6 mm), rigid and behind a coupling, sent over a symmetric and a raw model.
 static void force_is_continuous(void **state) {
     (void)state;
     static const char *const names[] = {"press and leave", "slide", "tremor", "drag in and out"};
@@ -420,8 +423,10 @@ static void force_is_continuous(void **state) {
             smooth s = {.ticks = 0};
             pal_engine_reset(r.engine);
             for (int k = 0; k < 1500; k++) {
-                double u = k / 1500.0, t = 0.001 * k, x[3] = {0.0006, -0.0004, 0.004 - 0.0015 * fmin(1, 6 * u)};
-                double tremor = sin(2 * PI * 8.7 * t) + sin(2 * PI * 10 * t) + sin(2 * PI * 11.6 * t);
+                double u = k / 1500.0, t = 0.001 * k,
+                       x[3] = {0.0006, -0.0004, 0.004 - 0.0015 * fmin(1, 6 * u)};
+                double tremor =
+                    sin(2 * PI * 8.7 * t) + sin(2 * PI * 10 * t) + sin(2 * PI * 11.6 * t);
                 switch (path) {
                 case PRESS:
                     x[2] = 0.0041 - 0.0016 * sin(2 * PI * u) * sin(2 * PI * u);
@@ -440,9 +445,9 @@ static void force_is_continuous(void **state) {
                 }
                 follow(&r, &s, x, 0, 0, 0, 0.0026);
             }
-            print_message("%s, %s, %s: worst %.2f of stiffness x motion, peak %.3g N\n", names[path],
-                          variant % 2 ? "coupled" : "rigid", variant / 2 ? "raw" : "symmetric", s.worst,
-                          s.peak);
+            print_message("%s, %s, %s: worst %.2f of stiffness x motion, peak %.3g N\n",
+                          names[path], variant % 2 ? "coupled" : "rigid",
+                          variant / 2 ? "raw" : "symmetric", s.worst, s.peak);
             assert_true(s.peak > 0.05);
             // off the rim the contact fades over one spacing, 2 mm, which takes F / 2 mm besides
             double rim = path == DRAG ? 1.5 * s.peak / 0.002 / (2 * modulus(&r) * 0.0026) : 0;
@@ -468,14 +473,15 @@ static void stations_enter_without_a_jump(void **state) {
         least = s.last.contact_count < least ? s.last.contact_count : least;
         most = s.last.contact_count > most ? s.last.contact_count : most;
     }
-    print_message("capsule: worst %.2f of stiffness x motion, %d to %d points\n", s.worst, least, most);
+    print_message("capsule: worst %.2f of stiffness x motion, %d to %d points\n", s.worst, least,
+                  most);
     assert_true(least == 0 && most > 6);
     assert_true(s.worst < 1.0);
     rig_free(&r);
 }
 
-/// Hertz on the half-space (which a paraboloid is only for shallow depths): tips from a quarter of the
-/// node spacing to many.
+/// Hertz on the half-space (which a paraboloid is only for shallow depths): tips from a quarter of
+/// the node spacing to many.
 static void balls_of_all_sizes_follow_hertz(void **state) {
     (void)state;
     static const double radius[] = {0.0005, 0.001, 0.002, 0.004, 0.010, 0.030, 0.060};
@@ -495,8 +501,9 @@ static void balls_of_all_sizes_follow_hertz(void **state) {
             }
             double exact = 0.5 * modulus(&r) * radius[k] * radius[k] *
                            ((low * low + 1) * log((1 + low) / (1 - low)) - 2 * low);
-            print_message("R %.4f, contact radius %.2f spacings, %s a node: %.4f of Sneddon\n", radius[k],
-                          low * radius[k] / 0.002, node ? "on" : "off", out.force[2] / exact);
+            print_message("R %.4f, contact radius %.2f spacings, %s a node: %.4f of Sneddon\n",
+                          radius[k], low * radius[k] / 0.002, node ? "on" : "off",
+                          out.force[2] / exact);
             // Boussinesq, with no mesh to err: what is left is the calibration at depth
             assert_true(fabs(out.force[2] / exact - 1) < 0.001);
             pal_engine_free(r.engine);
@@ -561,11 +568,12 @@ static void grasp_holds_until_opened(void **state) {
             if (k == 0) { // closing alone changes nothing
                 assert_true(fabs(out.force[2] - pushed.force[2]) < 1e-9 * pushed.force[2]);
             } else { // nor does holding: the force goes down evenly, by the held stiffness
-                assert_true(out.force[2] < before && before - out.force[2] < 0.15 * pushed.force[2]);
+                assert_true(out.force[2] < before &&
+                            before - out.force[2] < 0.15 * pushed.force[2]);
             }
         }
         assert_true(out.force[2] < -0.5 * pushed.force[2]); // the tissue pulls the tool back down
-        pal_tool_state in = rig_state(0.0003, 0, 0.006);   // sideways and turned: both answer
+        pal_tool_state in = rig_state(0.0003, 0, 0.006);    // sideways and turned: both answer
         in.buttons = 1;
         in.position[0] += 0.001;
         in.orientation[0] = cos(0.1);
@@ -645,8 +653,9 @@ static void a_replay_has_the_same_bits(void **state) {
         }
         for (int k = 0; k < TICKS; k++) {
             double a = 0.02 * k;
-            pal_tool_state in[2] = {rig_state(0.004 * cos(a), 0.003 * sin(a), 0.003 + 0.0015 * cos(3 * a)),
-                                    rig_state(-0.004, 0.002 * sin(a), 0.0015 + 0.001 * cos(a))};
+            pal_tool_state in[2] = {
+                rig_state(0.004 * cos(a), 0.003 * sin(a), 0.003 + 0.0015 * cos(3 * a)),
+                rig_state(-0.004, 0.002 * sin(a), 0.0015 + 0.001 * cos(a))};
             in[1].orientation[0] = cos(0.7 + 0.1 * sin(a));
             in[1].orientation[2] = sin(0.7 + 0.1 * sin(a));
             in[0].buttons = k % 200 > 150;

@@ -1,5 +1,6 @@
-/// Law "surface" where contact points coincide: tools in one place, a capsule on end. Two points at one
-/// place have the same row in the half-space's part of the compliance, which alone would be singular.
+/// Law "surface" where contact points coincide: tools in one place, a capsule on end. Two points at
+/// one place have the same row in the half-space's part of the compliance, which alone would be
+/// singular.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -46,8 +47,9 @@ static void tools_in_one_place_share_the_force(void **state) {
             }
             rig_free(&r);
         }
-        print_message("  mu %.1f, coupling %3.0f N/m, %s: one tool %.4f N, two %.4f N\n", cases[c].mu,
-                      cases[c].stiffness, cases[c].closes ? "closed" : "open", force[1][2], force[2][2]);
+        print_message("  mu %.1f, coupling %3.0f N/m, %s: one tool %.4f N, two %.4f N\n",
+                      cases[c].mu, cases[c].stiffness, cases[c].closes ? "closed" : "open",
+                      force[1][2], force[2][2]);
         assert_true(force[1][2] > 0.01);
         // two in one place press as one: the points' own compliance differs by half of 1 %
         assert_true(fabs(force[2][2] / force[1][2] - 1) < 0.01);
@@ -81,8 +83,8 @@ static void a_capsule_on_end_presses_like_its_tip(void **state) {
     }
 }
 
-/// Lying, all its stations touch; on end in the next tick, those deeper than the clip of the pattern's
-/// radius are one point several times.
+/// Lying, all its stations touch; on end in the next tick, those deeper than the clip of the
+/// pattern's radius are one point several times.
 static void a_capsule_turned_on_end_keeps_its_force(void **state) {
     (void)state;
     for (int c = 0; c < 2; c++) {
@@ -132,7 +134,8 @@ static void a_stuck_capsule_at_rest_has_a_constant_force(void **state) {
                 worst = fmax(worst, fabs(out.force[i] - last.force[i]));
             }
         }
-        print_message("  %.1f rad, %.1f mm deep: %.4f N, changes by %.1e N\n", 2 * half, 1e3 * deep, out.force[2], worst);
+        print_message("  %.1f rad, %.1f mm deep: %.4f N, changes by %.1e N\n", 2 * half, 1e3 * deep,
+                      out.force[2], worst);
         assert_true(out.force[2] > 0.1);
         assert_true(worst < 1e-6 * out.force[2]); // the layout has settled in the 150 ticks before
         rig_free(&r);

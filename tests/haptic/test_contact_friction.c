@@ -1,6 +1,6 @@
-/// Friction of the surface law on a synthetic half space: sliding at mu times the normal force in every
-/// direction, the stiffness of a stuck tool against a bonded solve and Mindlin's, continuity, dissipation,
-/// no drift, twist, rolling, several tools, nonsymmetric models, the virtual coupling.
+/// Friction of the surface law on a synthetic half space: sliding at mu times the normal force in
+/// every direction, the stiffness of a stuck tool against a bonded solve and Mindlin's, continuity,
+/// dissipation, no drift, twist, rolling, several tools, nonsymmetric models, the virtual coupling.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -12,8 +12,8 @@
 
 #include <cmocka.h>
 
-#include "haptic/contact_anywhere.h"
-#include "haptic/dense.h"
+#include "haptic/contact/contact_anywhere.h"
+#include "haptic/base/dense.h"
 #include "tests/support/engine_rig.h"
 
 static const double PI = 3.14159265358979324;
@@ -63,8 +63,9 @@ static void slides_at_mu_times_the_normal_force(void **state) {
             assert_true(stuck > 5);
             assert_true(rig_tick(&r, 0, 0, 2 * RADIUS).force[2] == 0);
         }
-        print_message("  mu %.1f, skew %.1f, coupling %.0f N/m: within %.1e of mu f_n; %.1e aside\n",
-                      cases[c].mu, cases[c].skew, cases[c].stiffness, worst, aside);
+        print_message(
+            "  mu %.1f, skew %.1f, coupling %.0f N/m: within %.1e of mu f_n; %.1e aside\n",
+            cases[c].mu, cases[c].skew, cases[c].stiffness, worst, aside);
         assert_true(worst < 0.01); // issue 5
         assert_true(aside < 0.05); // a skew compliance turns the slip by about its own size
         rig_free(&r);
@@ -107,7 +108,8 @@ static double *points_compliance(const rig *r, const anywhere_law *law) {
                     for (size_t e = 0; e < 9; e++) {
                         size_t at = 3 * (size_t)row + e % 3 + (3 * (size_t)column + e / 3) * ld;
                         c[3 * i + e % 3 + (3 * j + e / 3) * n] +=
-                            p->phi.phi[k] * q->phi.phi[l] * (close ? near[e] : r->model->c_tt[at] - g[e]);
+                            p->phi.phi[k] * q->phi.phi[l] *
+                            (close ? near[e] : r->model->c_tt[at] - g[e]);
                     }
                 }
             }
@@ -125,7 +127,8 @@ static void sticks_with_the_stiffness_of_a_bond(void **state) {
     const anywhere_law *law = r.engine->contact;
     for (int k = 0; k < 8; k++) {
         double a = PI * k / 4 + 0.2;
-        pal_tool_force f = rig_tick(&r, 0.0007 + step * cos(a), 0.0003 + step * sin(a), RADIUS - 0.001);
+        pal_tool_force f =
+            rig_tick(&r, 0.0007 + step * cos(a), 0.0003 + step * sin(a), RADIUS - 0.001);
         double *c = points_compliance(&r, law), x[3 * PALPATE_POINTS_MAX], bond = 0;
         int32_t n = 3 * law->points;
         for (int32_t i = 0; i < n; i++) {
@@ -137,22 +140,25 @@ static void sticks_with_the_stiffness_of_a_bond(void **state) {
             bond += x[i] * cos(a) + x[i + 1] * sin(a);
         }
         free(c);
-        double along = -(f.force[0] - before.force[0]) * cos(a) - (f.force[1] - before.force[1]) * sin(a);
-        double hertz = sqrt(RADIUS * 0.001), mindlin = 8 * hertz * YOUNG / (2 * (1 + POISSON) * (2 - POISSON));
-        print_message("  direction %3.0f: %.4f N/m; bonded points %.4f; Mindlin %.2f\n", 180 / PI * a, along / step,
-                      bond / step, mindlin);
+        double along =
+            -(f.force[0] - before.force[0]) * cos(a) - (f.force[1] - before.force[1]) * sin(a);
+        double hertz = sqrt(RADIUS * 0.001),
+               mindlin = 8 * hertz * YOUNG / (2 * (1 + POISSON) * (2 - POISSON));
+        print_message("  direction %3.0f: %.4f N/m; bonded points %.4f; Mindlin %.2f\n",
+                      180 / PI * a, along / step, bond / step, mindlin);
         // the pattern is laid out under the material again: rounding and step / spacing of it
         assert_true(fabs(along / bond - 1) < 2e-3);
-        // Mindlin 1949, Hertz's contact stuck all over: here 16 points whose own compliance is calibrated
-        // for Hertz's normal force, and between neighbouring nodes only the mean over directions of
-        // Cerruti's compliance is kept (near_field.h)
+        // Mindlin 1949, Hertz's contact stuck all over: here 16 points whose own compliance is
+        // calibrated for Hertz's normal force, and between neighbouring nodes only the mean over
+        // directions of Cerruti's compliance is kept (near_field.h)
         assert_true(fabs(along / step / mindlin - 1) < 0.1);
         before = rig_tick(&r, 0.0007, 0.0003, RADIUS - 0.001); // and back
     }
     rig_free(&r);
 }
 
-/// Largest change of force per tick over (stiffness of the bond) x (motion), from stick to slip and back.
+/// Largest change of force per tick over (stiffness of the bond) x (motion), from stick to slip and
+/// back.
 static void passes_from_stick_to_slip_smoothly(void **state) {
     (void)state;
     static const double steps[] = {1e-6, 1e-5, 1e-4};
@@ -189,9 +195,11 @@ static void dragging_to_and_fro_dissipates(void **state) {
             double work = 0, peak = 0;
             for (int i = 1; i <= 400; i++) {
                 double a = 2 * PI * i / 400;
-                double px = scale * (c % 3 ? sin(a) : 1 - cos(a)), py = scale * (c % 3 ? 0.5 * sin(2 * a) : sin(a));
+                double px = scale * (c % 3 ? sin(a) : 1 - cos(a)),
+                       py = scale * (c % 3 ? 0.5 * sin(2 * a) : sin(a));
                 pal_tool_force g = rig_tick(&r, px, py, RADIUS - 0.001);
-                work += 0.5 * ((f.force[0] + g.force[0]) * (px - x) + (f.force[1] + g.force[1]) * (py - y));
+                work += 0.5 * ((f.force[0] + g.force[0]) * (px - x) +
+                               (f.force[1] + g.force[1]) * (py - y));
                 peak = fmax(peak, hypot(g.force[0], g.force[1]));
                 x = px;
                 y = py;
@@ -200,7 +208,8 @@ static void dragging_to_and_fro_dissipates(void **state) {
             all += work;
             worst = fmax(worst, work / (peak * scale));
         }
-        print_message("  skew %.1f, coupling %3.0f, travel %.1e m: work on the tool per cycle <= %.2e of force x "
+        print_message("  skew %.1f, coupling %3.0f, travel %.1e m: work on the tool per cycle <= "
+                      "%.2e of force x "
                       "travel\n",
                       skew, stiffness, scale, worst);
         // small cycles stick: an elastic loop, closed but for rounding and the pattern's creep on a
@@ -234,13 +243,15 @@ static void held_still_nothing_drifts(void **state) {
         for (int k = 0; k < 3; k++) {
             drift = fmax(drift, fabs(f.force[k] - first.force[k]) / first.force[2]);
         }
-        print_message("  skew %d, coupling %d: 10 s held: force changed by %.1e\n", c & 1, c >> 1, drift);
+        print_message("  skew %d, coupling %d: 10 s held: force changed by %.1e\n", c & 1, c >> 1,
+                      drift);
         assert_true(drift < 1e-7);
         rig_free(&r);
     }
 }
 
-/// Turned about the normal: a torque against it that ends at the sum of mu f_n r, and no side force.
+/// Turned about the normal: a torque against it that ends at the sum of mu f_n r, and no side
+/// force.
 static void resists_a_twist(void **state) {
     (void)state;
     rig r;
@@ -262,8 +273,8 @@ static void resists_a_twist(void **state) {
         const anywhere_point *p = &law->point[i];
         limit += 0.3 * law->z[p->first] * hypot(p->x[0], p->x[1]);
     }
-    print_message("  torque %.3e N m after 0.3 degrees, %.4e after 86; sum mu f_n r = %.4e\n", first,
-                  f.torque[2], limit);
+    print_message("  torque %.3e N m after 0.3 degrees, %.4e after 86; sum mu f_n r = %.4e\n",
+                  first, f.torque[2], limit);
     // Reissner and Sagoci: 16/3 G a^3 per radian for a bonded disc; ours has 16 points of it
     double radius = patch_radius(law), g = YOUNG / (2 + 2 * POISSON);
     assert_true(fabs(-first / (16.0 / 3 * g * pow(radius, 3) * 0.005) - 1) < 0.25);
@@ -272,8 +283,8 @@ static void resists_a_twist(void **state) {
     rig_free(&r);
 }
 
-/// A ball that rolls carries the surface along nowhere: no side force to speak of; one that spins in
-/// place slides at mu.
+/// A ball that rolls carries the surface along nowhere: no side force to speak of; one that spins
+/// in place slides at mu.
 static void rolls_without_friction(void **state) {
     (void)state;
     for (int rolling = 0; rolling < 2; rolling++) {
@@ -300,7 +311,8 @@ static void rolls_without_friction(void **state) {
     }
 }
 
-/// One tool with friction, one without, 9 mm apart on one body: each its own law, coupled through it.
+/// One tool with friction, one without, 9 mm apart on one body: each its own law, coupled through
+/// it.
 static void tools_with_and_without_friction(void **state) {
     (void)state;
     rig r;
@@ -364,8 +376,8 @@ static void a_shaft_slides_and_sticks(void **state) {
             bottom = i == 110 ? hypot(f.force[0], f.force[1]) / f.force[2] : bottom;
         }
         double ratio = hypot(f.force[0], f.force[1]) / f.force[2];
-        print_message("  %3.0f degrees to its axis: %.4f stuck, %.5f sliding; %d points\n", 45.0 * k, bottom, ratio,
-                      f.contact_count);
+        print_message("  %3.0f degrees to its axis: %.4f stuck, %.5f sliding; %d points\n",
+                      45.0 * k, bottom, ratio, f.contact_count);
         assert_true(bottom < 0.2 && fabs(ratio / 0.4 - 1) < 0.01);
         assert_true(fabs(-f.force[0] * sin(a) + f.force[1] * cos(a)) < 0.05 * f.force[2]);
         rig_free(&r);
@@ -383,7 +395,8 @@ static void little_friction_is_almost_none(void **state) {
         double z = RADIUS - 1e-3 * sin(PI * i / 150), x = 1e-5 * i;
         pal_tool_force f = rig_tick(&a, x, 0.5 * x, z), g = rig_tick(&b, x, 0.5 * x, z);
         for (int k = 0; k < 3; k++) {
-            worst = fmax(worst, fabs(f.force[k] - g.force[k]) / 0.035); // of the largest normal force
+            worst =
+                fmax(worst, fabs(f.force[k] - g.force[k]) / 0.035); // of the largest normal force
         }
     }
     print_message("  mu = 1e-6: within %.1e of mu = 0\n", worst);

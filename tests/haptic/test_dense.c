@@ -12,8 +12,8 @@
 #include <cmocka.h>
 #include <lapacke.h>
 
-#include "haptic/dense.h"
-#include "haptic/hash.h"
+#include "haptic/base/dense.h"
+#include "haptic/base/hash.h"
 
 // the same source without its AVX2 copy, under other names
 #define PALPATE_DENSE_BASELINE
@@ -26,7 +26,7 @@
 #define pal_dense_cholesky_remove baseline_cholesky_remove
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wmissing-prototypes"
-#include "haptic/dense.c"
+#include "haptic/base/dense.c"
 #pragma GCC diagnostic pop
 #undef pal_dense_cholesky
 #undef pal_dense_lu

@@ -10,7 +10,7 @@
 
 #include <cmocka.h>
 
-#include "haptic/doctor.h"
+#include "haptic/session/doctor.h"
 
 static char root[64];
 

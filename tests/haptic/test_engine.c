@@ -345,7 +345,7 @@ static void unfactorable_block_keeps_the_last_force_and_says_so(void **state) {
     pal_tool_force out = rig_press(&r, 0, 0, 0.0039, 0.003, 5);
     assert_true(out.fault & PALPATE_FAULT_SINGULAR);
     assert_true(norm(out.force) > 0.0 && isfinite(norm(out.force)));
-    out = rig_tick(&r, 0, 0, 0.02); // 17 m/s: no jump for the watchdog
+    out = rig_tick(&r, 0, 0, 0.02);                        // 17 m/s: no jump for the watchdog
     assert_true(norm(out.force) == 0.0 && out.fault == 0); // leaving ends it
     rig_free(&r);
 }
@@ -522,7 +522,8 @@ static void definitions_are_checked(void **state) {
     BAD(tool->limits.slew = (double)NAN, PALPATE_ERROR_ARGUMENT, "limits");
     BAD(tool->spec.max_force = -1, PALPATE_ERROR_ARGUMENT, "spec");
     BAD(tool->spec.max_speed = (double)INFINITY, PALPATE_ERROR_ARGUMENT, "spec");
-    BAD((tool->spec.max_stiffness = 400, tool->coupling_stiffness = 500), PALPATE_ERROR_ARGUMENT, "bears");
+    BAD((tool->spec.max_stiffness = 400, tool->coupling_stiffness = 500), PALPATE_ERROR_ARGUMENT,
+        "bears");
     BAD((tool->spec.max_damping = 1, tool->coupling_damping = 2), PALPATE_ERROR_ARGUMENT, "bears");
     BAD(def->watchdog.stale = 2, PALPATE_ERROR_ARGUMENT, "watchdog.stale");
     BAD(tool->friction = 0.3, PALPATE_ERROR_UNSUPPORTED, "friction");
@@ -550,7 +551,7 @@ static void definitions_are_checked(void **state) {
 
 #define BOTH_LAWS(test)                                                                            \
     cmocka_unit_test(test), {                                                                      \
-        #test " (surface)", test, rig_surface_law, rig_nodes_law, NULL                             \
+#test " (surface)", test, rig_surface_law, rig_nodes_law, NULL                             \
     }
 
 int main(void) {

@@ -1,6 +1,6 @@
-/// The fault table (tests/README.md), rows of the device, the servo and the render thread: each fault is
-/// injected into a whole session by a device that lies; what is felt, counted, recorded and dumped is
-/// what the table says, the recording replays bit for bit, and so does the dump.
+/// The fault table (tests/README.md), rows of the device, the servo and the render thread: each
+/// fault is injected into a whole session by a device that lies; what is felt, counted, recorded
+/// and dumped is what the table says, the recording replays bit for bit, and so does the dump.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -16,9 +16,9 @@
 
 #include <palpate/session.h>
 
-#include "haptic/realtime.h"
-#include "haptic/recording_read.h"
-#include "haptic/replay.h"
+#include "haptic/base/realtime.h"
+#include "haptic/recording/recording_read.h"
+#include "haptic/recording/replay.h"
 #include "tests/support/synthetic_model.h"
 
 enum { AT = 300, TICKS = 2400, MS = 1000000 }; ///< first bad tick
@@ -66,9 +66,9 @@ typedef enum lie {
 
 typedef struct liar {
     lie what;
-    int64_t length;        ///< ticks
-    int64_t unlatch_at;    ///< tick before which the session is told to let go; 0: never
-    int64_t hold_at;       ///< this read takes hold_ns; 0: none
+    int64_t length;     ///< ticks
+    int64_t unlatch_at; ///< tick before which the session is told to let go; 0: never
+    int64_t hold_at;    ///< this read takes hold_ns; 0: none
     int64_t hold_ns;
     pal_session *session;
     int64_t reads, writes;
@@ -168,7 +168,8 @@ static pal_session *open_session(liar *d, int freewheel, double seconds) {
     def.realtime = 0;
     def.record_path = record_path;
     def.dump_path = dump_path;
-    def.devices[0] = (pal_device){.abi = PALPATE_DEVICE_ABI, .self = d, .read = liar_read, .write = liar_write};
+    def.devices[0] =
+        (pal_device){.abi = PALPATE_DEVICE_ABI, .self = d, .read = liar_read, .write = liar_write};
     (void)unlink(record_path);
     (void)unlink(dump_path);
     if (pal_session_create(model, &def, &session, &e) != PALPATE_OK) {
@@ -206,12 +207,13 @@ static uint32_t check_recording(const char *path, int64_t tick, uint64_t *start)
         fail_msg("%s: %s", path, e.message);
     }
     if (r.differences != 0) {
-        fail_msg("%s: %llu differences, first in tick %llu", path, (unsigned long long)r.differences,
-                 (unsigned long long)r.first.tick);
+        fail_msg("%s: %llu differences, first in tick %llu", path,
+                 (unsigned long long)r.differences, (unsigned long long)r.first.tick);
     }
     assert_int_equal(r.holes, 0);
     *start = r.start;
-    assert_int_equal(pal_recording_rows(recording, tick - (int64_t)r.start, 1, &row, &e), PALPATE_OK);
+    assert_int_equal(pal_recording_rows(recording, tick - (int64_t)r.start, 1, &row, &e),
+                     PALPATE_OK);
     pal_recording_close(recording);
     assert_int_equal(row.tick, tick);
     return row.fault;
@@ -223,10 +225,10 @@ typedef struct expectation {
     const char *name;
     lie what;
     int64_t length;
-    uint32_t faults;   ///< all the bits the run raises, no others
-    uint32_t counted;  ///< those the engine counts (a device's own are not the engine's)
-    int64_t onset;     ///< tick of the first event of the engine; 0: none
-    uint32_t at_onset; ///< bits of that tick
+    uint32_t faults;            ///< all the bits the run raises, no others
+    uint32_t counted;           ///< those the engine counts (a device's own are not the engine's)
+    int64_t onset;              ///< tick of the first event of the engine; 0: none
+    uint32_t at_onset;          ///< bits of that tick
     int64_t zero_from, zero_to; ///< first and last tick without force; 0: it never goes to zero
     int64_t steady_from;        ///< as before from here on; -1: not any more
     int64_t unlatch_at;
@@ -237,31 +239,34 @@ typedef struct expectation {
 #define LATCHED PALPATE_FAULT_LATCHED
 #define INPUT PALPATE_FAULT_INPUT
 #define JUMP PALPATE_FAULT_JUMP
-// 20 bad ticks make a pose stale, it fades over 10 more (the first one counts) and comes back over 100
+// 20 bad ticks make a pose stale, it fades over 10 more (the first one counts) and comes back over
+// 100
 static const expectation rows[] = {
     {"nothing", HONEST, 0, 0, 0, 0, 0, 0, 0, 0, 0},
-    {"not a number, one tick: the last pose stands in", NOT_A_NUMBER, 1, INPUT, INPUT, AT, INPUT, 0, 0, 0, 0},
-    {"not a number, 60 ticks: fades, comes back", NOT_A_NUMBER, 60, INPUT | STALE | RAMP, INPUT | STALE | RAMP,
-     AT, INPUT, AT + 29, AT + 59, AT + 159, 0},
-    {"infinity, 60 ticks: fades, comes back", INFINITE_TURN, 60, INPUT | STALE | RAMP, INPUT | STALE | RAMP, AT,
-     INPUT, AT + 29, AT + 59, AT + 159, 0},
-    {"frozen time stamp, 60 ticks: fades, comes back", FROZEN_STAMP, 60, STALE | RAMP, STALE | RAMP, AT + 19,
-     STALE, AT + 29, AT + 59, AT + 159, 0},
-    {"frozen pose of a device without time stamps: a hand at rest", FROZEN_UNSTAMPED, 60, 0, 0, 0, 0, 0, 0, 0, 0},
-    {"time out of order, 60 ticks: fades, comes back", BACKWARDS, 60, STALE | RAMP, STALE | RAMP, AT + 19, STALE,
-     AT + 29, AT + 59, AT + 159, 0},
-    {"teleport and back within the ramp: latched", TELEPORT, 1, JUMP | LATCHED, JUMP | LATCHED, AT, JUMP, AT,
-     TICKS - 1, -1, 0},
-    {"teleport and back after the ramp: from zero, twice", TELEPORT, 500, JUMP | RAMP, JUMP | RAMP, AT, JUMP, AT,
-     AT + 500, AT + 600, 0},
-    {"disconnect of 500 ticks, reconnect: fades, comes back", REFUSED, 500, STALE | RAMP, STALE | RAMP, AT + 19,
-     STALE, AT + 29, AT + 499, AT + 599, 0},
-    {"disconnect of 1500 ticks: latched, whatever comes then", REFUSED, 1500, STALE | LATCHED, STALE | LATCHED,
-     AT + 19, STALE, AT + 29, TICKS - 1, -1, 0},
+    {"not a number, one tick: the last pose stands in", NOT_A_NUMBER, 1, INPUT, INPUT, AT, INPUT, 0,
+     0, 0, 0},
+    {"not a number, 60 ticks: fades, comes back", NOT_A_NUMBER, 60, INPUT | STALE | RAMP,
+     INPUT | STALE | RAMP, AT, INPUT, AT + 29, AT + 59, AT + 159, 0},
+    {"infinity, 60 ticks: fades, comes back", INFINITE_TURN, 60, INPUT | STALE | RAMP,
+     INPUT | STALE | RAMP, AT, INPUT, AT + 29, AT + 59, AT + 159, 0},
+    {"frozen time stamp, 60 ticks: fades, comes back", FROZEN_STAMP, 60, STALE | RAMP, STALE | RAMP,
+     AT + 19, STALE, AT + 29, AT + 59, AT + 159, 0},
+    {"frozen pose of a device without time stamps: a hand at rest", FROZEN_UNSTAMPED, 60, 0, 0, 0,
+     0, 0, 0, 0, 0},
+    {"time out of order, 60 ticks: fades, comes back", BACKWARDS, 60, STALE | RAMP, STALE | RAMP,
+     AT + 19, STALE, AT + 29, AT + 59, AT + 159, 0},
+    {"teleport and back within the ramp: latched", TELEPORT, 1, JUMP | LATCHED, JUMP | LATCHED, AT,
+     JUMP, AT, TICKS - 1, -1, 0},
+    {"teleport and back after the ramp: from zero, twice", TELEPORT, 500, JUMP | RAMP, JUMP | RAMP,
+     AT, JUMP, AT, AT + 500, AT + 600, 0},
+    {"disconnect of 500 ticks, reconnect: fades, comes back", REFUSED, 500, STALE | RAMP,
+     STALE | RAMP, AT + 19, STALE, AT + 29, AT + 499, AT + 599, 0},
+    {"disconnect of 1500 ticks: latched, whatever comes then", REFUSED, 1500, STALE | LATCHED,
+     STALE | LATCHED, AT + 19, STALE, AT + 29, TICKS - 1, -1, 0},
     {"disconnect of 1500 ticks, then let go: comes back", REFUSED, 1500, STALE | LATCHED | RAMP,
      STALE | LATCHED | RAMP, AT + 19, STALE, AT + 29, AT + 1699, AT + 1799, AT + 1700},
-    {"force refused by the device: counted, in the records", REFUSED_WRITE, 60, PALPATE_FAULT_STALL, 0, 0, 0, 0,
-     0, 0, 0},
+    {"force refused by the device: counted, in the records", REFUSED_WRITE, 60, PALPATE_FAULT_STALL,
+     0, 0, 0, 0, 0, 0, 0},
 };
 
 static void every_lie_of_the_device_ends_as_the_table_says(void **state) {
@@ -275,19 +280,19 @@ static void every_lie_of_the_device_ends_as_the_table_says(void **state) {
             counted |= r.counts.fault[bit] > 0 ? 1u << bit : 0u;
         }
         int latched = r.latched == 1;
-        if (d.broken || r.ticks != TICKS || r.fault != t->faults ||
-            counted != t->counted) {
+        if (d.broken || r.ticks != TICKS || r.fault != t->faults || counted != t->counted) {
             fail_msg("%s: broken %d, ticks %llu, faults 0x%x, counted 0x%x", t->name, d.broken,
                      (unsigned long long)r.ticks, r.fault, counted);
         }
         if (d.zero_from != t->zero_from || d.zero_to != t->zero_to ||
             (t->steady_from >= 0 && d.steady_from > t->steady_from + 1) ||
             (t->steady_from < 0 && d.steady_from != TICKS)) {
-            fail_msg("%s: no force from %lld to %lld, steady from %lld", t->name, (long long)d.zero_from,
-                     (long long)d.zero_to, (long long)d.steady_from);
+            fail_msg("%s: no force from %lld to %lld, steady from %lld", t->name,
+                     (long long)d.zero_from, (long long)d.zero_to, (long long)d.steady_from);
         }
         assert_int_equal(latched, (t->faults & LATCHED) != 0 && t->unlatch_at == 0);
-        assert_int_equal(r.device_errors, t->what == REFUSED || t->what == REFUSED_WRITE ? t->length : 0);
+        assert_int_equal(r.device_errors,
+                         t->what == REFUSED || t->what == REFUSED_WRITE ? t->length : 0);
         assert_true(d.steady > 0.01);
         // counted with tick and value, in the recording, and the ring was dumped
         uint64_t start = 0;
@@ -315,13 +320,15 @@ static void every_lie_of_the_device_ends_as_the_table_says(void **state) {
     }
 }
 
-/// A tick that takes 1, 10, 1000 periods: all of them are counted as missed, nothing is caught up, and
-/// the records' own numbers of missed periods say when force starts from zero and when it latches.
+/// A tick that takes 1, 10, 1000 periods: all of them are counted as missed, nothing is caught up,
+/// and the records' own numbers of missed periods say when force starts from zero and when it
+/// latches.
 static void an_overrun_of_1_10_1000_periods_is_counted_and_judged(void **state) {
     (void)state;
     static const int64_t periods[] = {1, 10, 1000};
     for (int k = 0; k < 3; k++) {
-        liar d = {.hold_at = 20, .hold_ns = periods[k] * MS}; // early: a busy machine may grant few ticks
+        liar d = {.hold_at = 20,
+                  .hold_ns = periods[k] * MS}; // early: a busy machine may grant few ticks
         pal_session *session = open_session(&d, 0, 0.6 + 1e-3 * (double)periods[k]);
         assert_int_equal(pal_session_start(session, NULL), PALPATE_OK);
         pal_session_report r = finish(session);
@@ -354,7 +361,8 @@ static void an_overrun_of_1_10_1000_periods_is_counted_and_judged(void **state) 
     }
 }
 
-// ---- The render thread ----------------------------------------------------------------------------
+// ---- The render thread
+// ----------------------------------------------------------------------------
 
 typedef struct stalled {
     pal_session *volatile session;
@@ -386,8 +394,8 @@ static void a_stalled_render_thread_stalls_nothing_else(void **state) {
         def.realtime = 0;
         def.render = stall;
         def.render_user = &s;
-        def.devices[0] =
-            (pal_device){.abi = PALPATE_DEVICE_ABI, .self = &d, .read = liar_read, .write = liar_write};
+        def.devices[0] = (pal_device){
+            .abi = PALPATE_DEVICE_ABI, .self = &d, .read = liar_read, .write = liar_write};
         assert_int_equal(pal_session_create(model, &def, &session, &e), PALPATE_OK);
         s.session = session;
         assert_int_equal(pal_session_start(session, &e), PALPATE_OK);
@@ -401,7 +409,8 @@ static void a_stalled_render_thread_stalls_nothing_else(void **state) {
         pal_session_get_report(session, &r);
         pal_session_free(session);
         if (k < 2) {
-            assert_int_equal(r.ticks + r.missed, 500); // freewheel waits for the picture and misses nothing
+            assert_int_equal(r.ticks + r.missed,
+                             500); // freewheel waits for the picture and misses nothing
             assert_true(k == 0 || r.missed == 0);
         }
         assert_true(s.frames >= (k == 1 ? 15 : 1));
@@ -463,8 +472,8 @@ static void the_devices_own_spec_holds(void **state) {
         def.duration = 0.6;
         def.freewheel = 1;
         def.realtime = 0;
-        def.devices[0] =
-            (pal_device){.abi = PALPATE_DEVICE_ABI, .self = &d, .read = liar_read, .write = liar_write};
+        def.devices[0] = (pal_device){
+            .abi = PALPATE_DEVICE_ABI, .self = &d, .read = liar_read, .write = liar_write};
         pal_device_spec *spec = &def.devices[0].spec;
         spec->max_force = k == 3 ? 0.0 : 0.02;
         spec->max_speed = k == 1 ? 0.5 : 0.0;

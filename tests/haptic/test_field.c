@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/field.h"
+#include "haptic/engine/field.h"
 
 enum { LD = 16384 + 64, COLUMNS = 64, COUNT_MAX = 100 };
 
@@ -121,8 +121,8 @@ static void variants_agree_bit_for_bit(pal_precision p) {
     drop(&x);
 }
 
-/// Columns in their own order and sums that go on where an earlier one ended, as compressed rows use them:
-/// the same bits as one sum over all columns by the twin.
+/// Columns in their own order and sums that go on where an earlier one ended, as compressed rows
+/// use them: the same bits as one sum over all columns by the twin.
 static void sums_can_be_continued(void **state) {
     (void)state;
     static const int64_t rows[] = {32, 160, 512, 544, LD};
@@ -234,8 +234,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(variants_agree_single), cmocka_unit_test(variants_agree_half),
         cmocka_unit_test(variants_agree_double), cmocka_unit_test(variants_agree_scaled),
-        cmocka_unit_test(sums_can_be_continued),
-        cmocka_unit_test(sum_is_within_the_rounding_bound),
+        cmocka_unit_test(sums_can_be_continued), cmocka_unit_test(sum_is_within_the_rounding_bound),
         cmocka_unit_test(no_force_gives_zero),   cmocka_unit_test(best_is_available_and_named),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

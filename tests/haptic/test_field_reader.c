@@ -1,5 +1,5 @@
-/// The field computed by whoever takes the frame: the servo's bits, whole frames, nothing for the servo
-/// to do (run it in TSan), and the scene's choice carried by the model file.
+/// The field computed by whoever takes the frame: the servo's bits, whole frames, nothing for the
+/// servo to do (run it in TSan), and the scene's choice carried by the model file.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -17,7 +17,7 @@
 
 #include <palpate/session.h>
 
-#include "haptic/hash.h"
+#include "haptic/base/hash.h"
 #include "tests/support/engine_rig.h"
 
 /// A press that goes on as a slide: the contact set changes all the time.
@@ -58,7 +58,8 @@ static void the_reader_sums_the_servos_bits(void **state) {
                 assert_memory_equal(fa.displacement, fb.displacement, bytes);
                 moved += fb.displacement[3 * (servo.model->info.row_count / 2) + 2] != 0.0f;
                 // asked again without a tick: the same frame, the same field
-                assert_int_equal(pal_engine_snapshot(pal_engine_reader(reader.engine, r), &again), 0);
+                assert_int_equal(pal_engine_snapshot(pal_engine_reader(reader.engine, r), &again),
+                                 0);
                 assert_ptr_equal(again.displacement, fb.displacement);
             }
         }
@@ -189,8 +190,8 @@ static void log_frame(void *user, const pal_frame *frame) {
     }
 }
 
-static pal_session_report run(const pal_model *model, pal_field_by by, int freewheel, double seconds,
-                              double period, log_of_frames *log) {
+static pal_session_report run(const pal_model *model, pal_field_by by, int freewheel,
+                              double seconds, double period, log_of_frames *log) {
     pal_error error = {0};
     pal_session *session = NULL;
     pal_session_report report;

@@ -1,6 +1,7 @@
-/// Coulomb friction on random and on contact-like problems: the conditions themselves, an independent
-/// slow solver (De Saxce's cone and small steps), every solution of one point, pal_lcp_solve without
-/// friction, sliding and sticking patches over many ticks, early stop, repeatability.
+/// Coulomb friction on random and on contact-like problems: the conditions themselves, an
+/// independent slow solver (De Saxce's cone and small steps), every solution of one point,
+/// pal_lcp_solve without friction, sliding and sticking patches over many ticks, early stop,
+/// repeatability.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,9 +14,9 @@
 
 #include <cmocka.h>
 
-#include "haptic/complementarity.h"
-#include "haptic/dense.h"
-#include "haptic/friction.h"
+#include "haptic/solver/complementarity.h"
+#include "haptic/base/dense.h"
+#include "haptic/solver/friction.h"
 
 enum { POINTS = 37, MAX = 3 * POINTS };
 
@@ -168,8 +169,8 @@ static void multiply(const problem *p, const double *f, double *w) {
     }
 }
 
-/// Natural map of all conditions, unit step (M of the tests has norm about 1), over || q ||. Written
-/// from the conditions, not from the solver.
+/// Natural map of all conditions, unit step (M of the tests has norm about 1), over || q ||.
+/// Written from the conditions, not from the solver.
 static double natural(const problem *p, const double *f) {
     double w[MAX], sum = 0, norm = 0;
     multiply(p, f, w);
@@ -202,7 +203,8 @@ static void assert_in_cones(const problem *p, const double *f) {
     }
 }
 
-static pal_friction_result solve(const problem *p, int iterations, uint8_t *state, double *f, double *w) {
+static pal_friction_result solve(const problem *p, int iterations, uint8_t *state, double *f,
+                                 double *w) {
     static double work[12 * POINTS * POINTS + 70 * POINTS];
     assert_true(pal_friction_bytes(POINTS) <= sizeof work);
     pal_friction friction = {p->points, p->n, p->m, p->n, p->symmetric, p->q, p->mu};
@@ -218,8 +220,8 @@ static double distance(int n, const double *a, const double *b) {
     return norm > 0 ? sqrt(sum / norm) : sqrt(sum);
 }
 
-/// Independent and slow: f <- P_K(f - step (w + mu |w_t| n)), P_K onto the second-order cone itself (De
-/// Saxce, Feng 1998), with the extragradient's second evaluation.
+/// Independent and slow: f <- P_K(f - step (w + mu |w_t| n)), P_K onto the second-order cone itself
+/// (De Saxce, Feng 1998), with the extragradient's second evaluation.
 static int slow(const problem *p, double *f) {
     double step = 0.4 / (frobenius(p->n, p->m)), g[MAX], w[MAX];
     memset(f, 0, (size_t)p->n * sizeof *f);
@@ -277,7 +279,8 @@ static void agrees_with_small_steps(void **state) {
             worst = fmax(worst, distance(p.n, f, other));
         }
     }
-    print_message("  %d of %d problems against small steps: forces agree to %.1e\n", compared, COUNT, worst);
+    print_message("  %d of %d problems against small steps: forces agree to %.1e\n", compared,
+                  COUNT, worst);
     assert_true(compared > COUNT * 9 / 10);
     assert_true(worst < 1e-7); // residual 1e-9 x condition 10, relative to forces smaller than q
 }
@@ -309,12 +312,14 @@ static int all_of_one_point(const problem *p, double found[][3]) {
     enum { ANGLES = 20000 };
     double before = 0, across, along, n = 0;
     for (int k = 0; k <= ANGLES; k++) {
-        double angle = 6.283185307179586 * k / ANGLES, low = angle - 6.283185307179586 / ANGLES, high = angle;
+        double angle = 6.283185307179586 * k / ANGLES, low = angle - 6.283185307179586 / ANGLES,
+               high = angle;
         for (int pass = 0; pass < 60; pass++) {
             double d[2] = {cos(angle), sin(angle)};
             double slope = m[0] + mu * (m[3] * d[0] + m[6] * d[1]), w[2];
             for (int i = 0; i < 2; i++) {
-                w[i] = q[i + 1] * slope - q[0] * (m[i + 1] + mu * (m[i + 4] * d[0] + m[i + 7] * d[1]));
+                w[i] =
+                    q[i + 1] * slope - q[0] * (m[i + 1] + mu * (m[i + 4] * d[0] + m[i + 7] * d[1]));
             }
             across = d[0] * w[1] - d[1] * w[0];
             along = (d[0] * w[0] + d[1] * w[1]) / slope;
@@ -369,9 +374,10 @@ static void one_point_is_one_of_its_solutions(void **state) {
         worst = fmax(worst, nearest);
         kinds[kind[0]]++;
     }
-    print_message("  400 points: nearest solution within %.1e; %d open, %d stick, %d slip; %d with several "
-                  "solutions (%d of them below mu = 0.3)\n",
-                  worst, kinds[0], kinds[1], kinds[2], several, least_several);
+    print_message(
+        "  400 points: nearest solution within %.1e; %d open, %d stick, %d slip; %d with several "
+        "solutions (%d of them below mu = 0.3)\n",
+        worst, kinds[0], kinds[1], kinds[2], several, least_several);
     assert_true(worst < 1e-6); // residual 1e-9 x condition 100
     assert_true(kinds[0] > 20 && kinds[1] > 20 && kinds[2] > 20);
 }
@@ -423,16 +429,18 @@ static void thousands_of_random_problems(void **state) {
             worst = fmax(worst, natural(&p, f));
         } else {
             flagged++;
-            print_message("  flagged: m %d, condition %.1e, skew %.2f, residual %.1e\n", p.points, condition,
-                          skew, r.residual);
+            print_message("  flagged: m %d, condition %.1e, skew %.2f, residual %.1e\n", p.points,
+                          condition, skew, r.residual);
         }
     }
     qsort(iterations, COUNT, sizeof *iterations, compare_int);
     qsort(us, COUNT, sizeof *us, compare_double);
-    print_message("  %d problems, m <= 16, mu <= 1.5: residual <= %.1e, %d flagged\n", COUNT, worst, flagged);
-    print_message("  iterations p50 %d, p99 %d, worst %d; time p50 %.1f us, p99 %.1f us, worst %.1f us\n",
-                  iterations[COUNT / 2], iterations[COUNT - COUNT / 100], iterations[COUNT - 1],
-                  us[COUNT / 2], us[COUNT - COUNT / 100], us[COUNT - 1]);
+    print_message("  %d problems, m <= 16, mu <= 1.5: residual <= %.1e, %d flagged\n", COUNT, worst,
+                  flagged);
+    print_message(
+        "  iterations p50 %d, p99 %d, worst %d; time p50 %.1f us, p99 %.1f us, worst %.1f us\n",
+        iterations[COUNT / 2], iterations[COUNT - COUNT / 100], iterations[COUNT - 1],
+        us[COUNT / 2], us[COUNT - COUNT / 100], us[COUNT - 1]);
     assert_true(worst < 1e-6);
     assert_true(flagged <= COUNT / 1000);
 }
@@ -447,10 +455,11 @@ static void place(int i, double x[2]) {
     x[1] = r * sin(a);
 }
 
-/// Half-space (Boussinesq, Cerruti; Johnson, Contact Mechanics, 3.2 and 3.6) from a force at d[] away,
-/// averaged over a node's own cell by a width of 0.4 spacings.
+/// Half-space (Boussinesq, Cerruti; Johnson, Contact Mechanics, 3.2 and 3.6) from a force at d[]
+/// away, averaged over a node's own cell by a width of 0.4 spacings.
 static void half_space(double poisson, const double d[2], double c[3][3]) {
-    const double young = 10e3, width = 0.4 * spacing, g = (1 + poisson) / (3.141592653589793 * young);
+    const double young = 10e3, width = 0.4 * spacing,
+                 g = (1 + poisson) / (3.141592653589793 * young);
     double r = sqrt(d[0] * d[0] + d[1] * d[1] + width * width);
     c[0][0] = g / r * (1 - poisson);
     for (int a = 0; a < 2; a++) {
@@ -463,8 +472,8 @@ static void half_space(double poisson, const double d[2], double c[3][3]) {
     }
 }
 
-/// M = Phi C Phi' as in the contact law: points with Gaussian weights `soft` spacings wide on nodes of
-/// a half-space. Wide weights make neighbours alike and M ill-conditioned.
+/// M = Phi C Phi' as in the contact law: points with Gaussian weights `soft` spacings wide on nodes
+/// of a half-space. Wide weights make neighbours alike and M ill-conditioned.
 static void patch(problem *p, int points, double poisson, double soft, double x[][2]) {
     static double phi[POINTS][NODES], half[MAX][3 * NODES];
     p->points = points;
@@ -477,7 +486,8 @@ static void patch(problem *p, int points, double poisson, double soft, double x[
         for (int k = 0; k < NODES; k++) {
             double y[2], width = soft * spacing;
             place(k, y);
-            phi[i][k] = exp(-(pow(x[i][0] - y[0], 2) + pow(x[i][1] - y[1], 2)) / (2 * width * width));
+            phi[i][k] =
+                exp(-(pow(x[i][0] - y[0], 2) + pow(x[i][1] - y[1], 2)) / (2 * width * width));
             sum += phi[i][k];
         }
         for (int k = 0; k < NODES; k++) {
@@ -554,10 +564,10 @@ typedef struct rolled {
     double worst, work, condition;
 } rolled;
 
-/// A sphere comes in, is dragged to and fro while it turns about its normal, lifts and comes back, 1000
-/// ticks of 1 ms; forces and states of the last tick start the next, as in the law.
-static rolled roll(problem *p, int points, double poisson, double soft, double mu, double skew, int *iterations,
-                   double *us) {
+/// A sphere comes in, is dragged to and fro while it turns about its normal, lifts and comes back,
+/// 1000 ticks of 1 ms; forces and states of the last tick start the next, as in the law.
+static rolled roll(problem *p, int points, double poisson, double soft, double mu, double skew,
+                   int *iterations, double *us) {
     double x[POINTS][2], f[MAX] = {0}, w[MAX], u[MAX] = {0}, last[3] = {0};
     uint8_t kind[POINTS] = {0};
     rolled r = {0};
@@ -575,7 +585,8 @@ static rolled roll(problem *p, int points, double poisson, double soft, double m
         p->mu[i] = mu;
     }
     for (int k = 0; k < 1000; k++) {
-        double t = k / 1000.0, depth = 1.2e-3 * fmin(1, 3 * fabs(sin(6.3 * t))) + 1e-4 * sin(50 * t);
+        double t = k / 1000.0,
+               depth = 1.2e-3 * fmin(1, 3 * fabs(sin(6.3 * t))) + 1e-4 * sin(50 * t);
         double swing = k % 400 < 200 ? 1.5e-3 : 0.15e-3; // slides, then mostly sticks
         double at[3] = {swing * sin(31 * t), 0.6 * swing * sin(45 * t), 400 * swing * sin(20 * t)};
         for (int i = 0; i < points; i++) {
@@ -628,8 +639,8 @@ static void contacts_rolled_over_ticks(void **state) {
                 if (points[a] == 37 && c == 1) {
                     continue;
                 }
-                rolled r = roll(&p, points[a], b % 2 ? 0.49 : 0.3, soft[c], mu[b], (b + c) % 4 == 3 ? 0.2 : 0,
-                                iterations + ticks, us + ticks);
+                rolled r = roll(&p, points[a], b % 2 ? 0.49 : 0.3, soft[c], mu[b],
+                                (b + c) % 4 == 3 ? 0.2 : 0, iterations + ticks, us + ticks);
                 assert_true(r.condition > 1);
                 ticks += r.ticks;
                 flagged += r.flagged;
@@ -644,14 +655,16 @@ static void contacts_rolled_over_ticks(void **state) {
         int count = ticks - first;
         qsort(iterations + first, (size_t)count, sizeof *iterations, compare_int);
         qsort(us + first, (size_t)count, sizeof *us, compare_double);
-        print_message("  %d points, %d ticks: %d flagged; iterations p50 %d, p99 %d, worst %d; time p50 %.1f, "
+        print_message("  %d points, %d ticks: %d flagged; iterations p50 %d, p99 %d, worst %d; "
+                      "time p50 %.1f, "
                       "p99 %.1f, p99.9 %.1f us\n",
                       points[a], count, flagged - bad, iterations[first + count / 2],
-                      iterations[first + count - count / 100], iterations[ticks - 1], us[first + count / 2],
-                      us[first + count - count / 100], us[first + count - count / 1000]);
+                      iterations[first + count - count / 100], iterations[ticks - 1],
+                      us[first + count / 2], us[first + count - count / 100],
+                      us[first + count - count / 1000]);
     }
-    print_message("  condition %.0f to %.1e; residual <= %.1e; %d sticking, %d slipping\n", least_condition,
-                  most_condition, worst, sticking, slipping);
+    print_message("  condition %.0f to %.1e; residual <= %.1e; %d sticking, %d slipping\n",
+                  least_condition, most_condition, worst, sticking, slipping);
     assert_true(flagged <= ticks / 1000);
     assert_true(sticking > ticks && slipping > ticks); // both were seen, a point per tick and more
     assert_true(most_condition > 1e5);
@@ -751,7 +764,8 @@ static void starts_warm_and_repeats(void **state) {
         uint8_t kind[POINTS] = {0}, fresh[POINTS] = {0}, second[POINTS] = {0};
         random_matrix(&p, 12, 100, i % 2 ? 0.2 : 0, 0);
         random_vector(&p, 0.1, 0.8);
-        assert_int_equal(solve(&p, PALPATE_FRICTION_ITERATIONS, kind, f, w).state, PALPATE_FRICTION_SOLVED);
+        assert_int_equal(solve(&p, PALPATE_FRICTION_ITERATIONS, kind, f, w).state,
+                         PALPATE_FRICTION_SOLVED);
         memcpy(g, f, sizeof g);
         assert_int_equal(solve(&p, PALPATE_FRICTION_ITERATIONS, kind, f, w).iterations, 0);
         assert_memory_equal(f, g, (size_t)p.n * sizeof *f);
@@ -769,7 +783,8 @@ static void starts_warm_and_repeats(void **state) {
         warm_sum += a.iterations;
         cold_sum += b.iterations;
     }
-    print_message("  mean iterations: warm %.2f, cold %.2f\n", (double)warm_sum / 300, (double)cold_sum / 300);
+    print_message("  mean iterations: warm %.2f, cold %.2f\n", (double)warm_sum / 300,
+                  (double)cold_sum / 300);
     assert_true(4 * warm_sum < 3 * cold_sum);
 }
 
@@ -813,27 +828,32 @@ static void small_cases(void **state) {
     pal_friction empty = {0};
     double f[6] = {0}, w[6], work[400];
     uint8_t kind[2] = {0};
-    assert_int_equal(pal_friction_solve(&empty, 10, kind, f, w, work).state, PALPATE_FRICTION_SOLVED);
+    assert_int_equal(pal_friction_solve(&empty, 10, kind, f, w, work).state,
+                     PALPATE_FRICTION_SOLVED);
     // a block on a table: pressed 2, dragged by 1 through unit springs; mu decides
     double m[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, q[3] = {-2, 0.6, 0.8}, mu = 0.4;
     pal_friction block = {1, 3, m, 3, 1, q, &mu};
     assert_true(pal_friction_bytes(1) <= sizeof work);
-    assert_int_equal(pal_friction_solve(&block, 10, kind, f, w, work).state, PALPATE_FRICTION_SOLVED);
+    assert_int_equal(pal_friction_solve(&block, 10, kind, f, w, work).state,
+                     PALPATE_FRICTION_SOLVED);
     assert_int_equal(kind[0], PALPATE_POINT_SLIP);
     assert_true(fabs(f[0] - 2) < 1e-8 && fabs(f[1] + 0.48) < 1e-8 && fabs(f[2] + 0.64) < 1e-8);
     assert_true(fabs(w[1] - 0.12) < 1e-8 && fabs(w[2] - 0.16) < 1e-8);
     mu = 0.6;
-    assert_int_equal(pal_friction_solve(&block, 10, kind, f, w, work).state, PALPATE_FRICTION_SOLVED);
+    assert_int_equal(pal_friction_solve(&block, 10, kind, f, w, work).state,
+                     PALPATE_FRICTION_SOLVED);
     assert_int_equal(kind[0], PALPATE_POINT_STICK);
     assert_true(fabs(f[1] + 0.6) < 1e-8 && fabs(f[2] + 0.8) < 1e-8 && fabs(w[1]) < 1e-8);
     q[0] = 0.1;
-    assert_int_equal(pal_friction_solve(&block, 10, kind, f, w, work).state, PALPATE_FRICTION_SOLVED);
+    assert_int_equal(pal_friction_solve(&block, 10, kind, f, w, work).state,
+                     PALPATE_FRICTION_SOLVED);
     assert_true(kind[0] == PALPATE_POINT_OPEN && f[0] == 0 && f[1] == 0 && f[2] == 0);
     // nothing to stand on: flagged, nothing pushed
     double none[9] = {0};
     q[0] = -1;
     block.m = none;
-    assert_int_equal(pal_friction_solve(&block, 10, kind, f, w, work).state, PALPATE_FRICTION_SINGULAR);
+    assert_int_equal(pal_friction_solve(&block, 10, kind, f, w, work).state,
+                     PALPATE_FRICTION_SINGULAR);
     assert_true(f[0] == 0 && w[0] == -1);
 }
 

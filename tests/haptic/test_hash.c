@@ -8,7 +8,7 @@
 
 #include <cmocka.h>
 
-#include "haptic/hash.h"
+#include "haptic/base/hash.h"
 
 static void rfc_7693_appendix_a(void **state) {
     (void)state;

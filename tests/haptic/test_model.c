@@ -9,8 +9,8 @@
 
 #include <cmocka.h>
 
-#include "haptic/dense.h"
-#include "haptic/model.h"
+#include "haptic/base/dense.h"
+#include "haptic/model/model.h"
 #include "tests/support/synthetic_model.h"
 
 static pal_model *build(synthetic_params p) {
@@ -426,7 +426,7 @@ static void check_finds_every_kind_of_damage(void **state) {
     REFUSED_VALUE(m->column_scale[5], 0.0);
     REFUSED_VALUE(m->column_scale[5], -1.0);
     REFUSED_VALUE(m->column_scale[5], NAN);
-    REFUSED_VALUE(((int16_t *)m->c_st)[m->row_ld - 1], 1); // padding
+    REFUSED_VALUE(((int16_t *)m->c_st)[m->row_ld - 1], 1);    // padding
     REFUSED_VALUE(m->info.precision, PALPATE_PRECISION_HALF); // as many bytes, but no scales
     pal_model_free(m);
 }

@@ -23,10 +23,10 @@
 #include <cmocka.h>
 #include <hdf5.h>
 
-#include "haptic/file_header.h"
-#include "haptic/h5.h"
-#include "haptic/hash.h"
-#include "haptic/model.h"
+#include "haptic/model/file_header.h"
+#include "haptic/model/h5.h"
+#include "haptic/base/hash.h"
+#include "haptic/model/model.h"
 #include "tests/support/synthetic_model.h"
 
 static char directory[128], path[256];

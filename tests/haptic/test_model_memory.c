@@ -19,7 +19,7 @@
 
 #include <cmocka.h>
 
-#include "haptic/model.h"
+#include "haptic/model/model.h"
 #include "tests/support/synthetic_model.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

@@ -9,7 +9,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "haptic/near_field.h"
+#include "haptic/contact/near_field.h"
 #include "tests/support/engine_rig.h"
 
 typedef struct near_rig {

@@ -9,7 +9,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "haptic/output.h"
+#include "haptic/safety/output.h"
 
 static pal_tool_force make(double x, double y, double z, double torque) {
     return (pal_tool_force){.force = {x, y, z}, .torque = {0, torque, 0}};

@@ -6,7 +6,7 @@
 
 #include <cmocka.h>
 
-#include "haptic/pace.h"
+#include "haptic/session/pace.h"
 
 enum { PERIOD = 1000000, LEFT = 950000 };
 

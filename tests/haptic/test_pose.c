@@ -7,7 +7,7 @@
 #include <cmocka.h>
 #include <math.h>
 
-#include "haptic/pose.h"
+#include "haptic/base/pose.h"
 
 // A few roundings of numbers of order one.
 static const double EPS = 1e-14;

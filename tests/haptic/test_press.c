@@ -11,7 +11,7 @@
 #include <cmocka.h>
 #include <lapacke.h>
 
-#include "haptic/model.h"
+#include "haptic/model/model.h"
 #include "tests/support/synthetic_model.h"
 
 #include <palpate/engine.h>

@@ -7,7 +7,7 @@
 
 #include <cmocka.h>
 
-#include "haptic/quantiles.h"
+#include "haptic/base/quantiles.h"
 
 static int ascending(const void *a, const void *b) {
     int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;

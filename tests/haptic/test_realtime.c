@@ -117,9 +117,11 @@ static void make(rig *r, double skew) {
     rig_model(r, 13, PALPATE_PRECISION_SINGLE, skew);
     r->tools[0].limits = (pal_tool_limits){.force = 0.1, .slew = 0.002, .torque = 1e-4};
     r->tools[1] = (pal_tool_def){.name = "tip", .shape = PALPATE_SHAPE_POINT};
-    r->tools[2] = (pal_tool_def){
-        .name = "shaft", .shape = PALPATE_SHAPE_CAPSULE, .radius = 0.003, .length = 0.01,
-        .limits = {.torque = 1e-6}};
+    r->tools[2] = (pal_tool_def){.name = "shaft",
+                                 .shape = PALPATE_SHAPE_CAPSULE,
+                                 .radius = 0.003,
+                                 .length = 0.01,
+                                 .limits = {.torque = 1e-6}};
     r->def.tool_count = 3;
     r->def.max_contacts = rig_law == PALPATE_CONTACT_NODES ? 12 : 48; // too few; 16 points a tool
     rig_engine(r);
@@ -156,8 +158,8 @@ static uint32_t live(rig *r, int *contacts) {
 
 /// Faults that such a life must meet. The law "surface" spreads no more points than there are.
 static uint32_t lively(void) {
-    uint32_t all = PALPATE_FAULT_INPUT | PALPATE_FAULT_CAP | PALPATE_FAULT_SLEW |
-                   PALPATE_FAULT_TORQUE_CAP;
+    uint32_t all =
+        PALPATE_FAULT_INPUT | PALPATE_FAULT_CAP | PALPATE_FAULT_SLEW | PALPATE_FAULT_TORQUE_CAP;
     return rig_law == PALPATE_CONTACT_NODES ? all | PALPATE_FAULT_CONTACTS : all;
 }
 
@@ -268,8 +270,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_traps_work),
         cmocka_unit_test(no_allocation_lock_or_io_in_a_tick),
-        {"no_allocation_lock_or_io_in_a_tick (surface)", no_allocation_lock_or_io_in_a_tick, rig_surface_law,
-         rig_nodes_law, NULL},
+        {"no_allocation_lock_or_io_in_a_tick (surface)", no_allocation_lock_or_io_in_a_tick,
+         rig_surface_law, rig_nodes_law, NULL},
         cmocka_unit_test(no_system_call_in_a_tick),
         {"no_system_call_in_a_tick (surface)", no_system_call_in_a_tick, rig_surface_law,
          rig_nodes_law, NULL},

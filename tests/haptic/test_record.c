@@ -18,8 +18,8 @@
 
 #include <palpate/session.h>
 
-#include "haptic/h5.h"
-#include "haptic/recording.h"
+#include "haptic/model/h5.h"
+#include "haptic/recording/recording.h"
 #include "tests/support/synthetic_model.h"
 
 static pal_model *model;

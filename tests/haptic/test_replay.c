@@ -14,10 +14,10 @@
 
 #include <palpate/session.h>
 
-#include "haptic/model.h"
-#include "haptic/realtime.h"
-#include "haptic/file_header.h"
-#include "haptic/replay.h"
+#include "haptic/model/model.h"
+#include "haptic/base/realtime.h"
+#include "haptic/model/file_header.h"
+#include "haptic/recording/replay.h"
 #include "tests/support/synthetic_model.h"
 
 static pal_model *model;

@@ -10,7 +10,7 @@
 
 #include <cmocka.h>
 
-#include "haptic/ring.h"
+#include "haptic/session/ring.h"
 
 /// A record whose every word follows from n: a torn one betrays itself.
 static pal_tick_record numbered(uint64_t n) {

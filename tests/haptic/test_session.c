@@ -19,9 +19,9 @@
 
 #include <palpate/session.h>
 
-#include "haptic/hash.h"
-#include "haptic/realtime.h"
-#include "haptic/servo.h"
+#include "haptic/base/hash.h"
+#include "haptic/base/realtime.h"
+#include "haptic/session/servo.h"
 #include "tests/support/synthetic_model.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

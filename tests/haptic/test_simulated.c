@@ -13,8 +13,8 @@
 
 #include <palpate/session.h>
 
-#include "haptic/passivity.h"
-#include "haptic/simulated.h"
+#include "haptic/safety/passivity.h"
+#include "haptic/device/simulated.h"
 
 static const double pi = 3.14159265358979323846;
 
@@ -160,8 +160,8 @@ static void the_force_is_held_between_ticks(void **state) {
     assert_true(fabs(at(&d, 7, 1e-3).position[1] - 0.5 * 2.0 * 49e-6) < 1e-17);
     push(&d, 0.0, -40.0, 0.0); // actuators give 3.3 N
     double y1 = 49e-6, v1 = 2.0 * 7e-3;
-    assert_true(fabs(at(&d, 17, 1e-3).position[1] -
-                     (y1 + v1 * 0.01 - 0.5 * 3.3 / 0.045 * 1e-4)) < 1e-15);
+    assert_true(fabs(at(&d, 17, 1e-3).position[1] - (y1 + v1 * 0.01 - 0.5 * 3.3 / 0.045 * 1e-4)) <
+                1e-15);
     push(&d, 0.0, NAN, 0.0); // no force at all
     double before = at(&d, 17, 1e-3).position[1], v2 = v1 - 3.3 / 0.045 * 0.01;
     assert_true(fabs(at(&d, 18, 1e-3).position[1] - (before + v2 * 1e-3)) < 1e-15);
@@ -220,11 +220,11 @@ static void what_cannot_be_simulated_is_refused(void **state) {
     pal_device d;
     for (int i = 0; i < 12; i++) {
         pal_simulated s = pal_simulated_default(PALPATE_SIMULATED_PREMIUM, PALPATE_GRIP_FIRM);
-        double *value[] = {&s.mass,  &s.mass,      &s.damping,        &s.friction,
-                           &s.force, &s.reach,     &s.resolution,     &s.hand_mass,
+        double *value[] = {&s.mass,  &s.mass,         &s.damping,        &s.friction,
+                           &s.force, &s.reach,        &s.resolution,     &s.hand_mass,
                            &s.kick,  &s.hand_damping, &s.hand_stiffness, &s.push};
-        const double wrong[] = {0.0, NAN, -1.0, INFINITY, -1.0, 0.0,
-                                1.0, -0.1, 99.0, -1.0, 1e7, NAN};
+        const double wrong[] = {0.0, NAN,  -1.0, INFINITY, -1.0, 0.0,
+                                1.0, -0.1, 99.0, -1.0,     1e7,  NAN};
         *value[i] = wrong[i];
         pal_tool_def t = make_tool(s);
         pal_error e = {0};

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/snapshot.h"
+#include "haptic/engine/snapshot.h"
 
 enum { FLOATS = 1024, FRAMES = 60000 };
 

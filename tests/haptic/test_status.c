@@ -7,7 +7,7 @@
 
 #include <cmocka.h>
 
-#include "haptic/error.h"
+#include "haptic/base/error.h"
 
 static void names_and_texts_cover_the_list(void **state) {
     (void)state;

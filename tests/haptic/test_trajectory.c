@@ -12,9 +12,9 @@
 
 #include <cmocka.h>
 
-#include "haptic/pose.h"
-#include "haptic/stroke.h"
-#include "haptic/trajectory.h"
+#include "haptic/base/pose.h"
+#include "haptic/device/stroke.h"
+#include "haptic/device/trajectory.h"
 
 #define HEAD "time,x,y,z,qw,qx,qy,qz,button\n"
 

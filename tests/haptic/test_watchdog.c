@@ -9,8 +9,8 @@
 
 #include <cmocka.h>
 
-#include "haptic/engine.h"
-#include "haptic/watchdog.h"
+#include "haptic/engine/engine.h"
+#include "haptic/safety/watchdog.h"
 #include "tests/support/synthetic_model.h"
 
 static pal_engine *engine;
@@ -277,21 +277,24 @@ static void onsets_are_listed(void **state) {
 static void thresholds_are_the_definitions(void **state) {
     (void)state;
     pal_engine_def def = *pal_engine_get_def(engine);
-    assert_true(def.watchdog.stale == 0.02 && def.watchdog.stall == 0.1 && def.watchdog.latch == 1.0);
+    assert_true(def.watchdog.stale == 0.02 && def.watchdog.stall == 0.1 &&
+                def.watchdog.latch == 1.0);
     assert_true(def.watchdog.speed == 20.0 && def.watchdog.ramp_down == 0.01 &&
                 def.watchdog.ramp_up == 0.1);
     pal_engine_free(engine);
     engine = NULL;
     tool.spec.max_speed = 1.5;
     def.tools = &tool;
-    def.watchdog = (pal_watchdog_def){.stale = 0.005, .stall = 0.01, .latch = 0.05, .speed = 3.0, .ramp_up = 0.02};
+    def.watchdog = (pal_watchdog_def){
+        .stale = 0.005, .stall = 0.01, .latch = 0.05, .speed = 3.0, .ramp_up = 0.02};
     assert_int_equal(pal_engine_create(model, &def, &engine, NULL), PALPATE_OK);
     for (int i = 0; i < 5; i++) {
         assert_int_equal(tick(), 0);
     }
     state_in.flags = PALPATE_STATE_STALE;
     for (int i = 1; i <= 50; i++) {
-        uint32_t expect = (i >= 5 ? PALPATE_FAULT_STALE : 0u) | (i == 50 ? PALPATE_FAULT_LATCHED : 0u);
+        uint32_t expect =
+            (i >= 5 ? PALPATE_FAULT_STALE : 0u) | (i == 50 ? PALPATE_FAULT_LATCHED : 0u);
         assert_int_equal(tick(), expect);
     }
     state_in.flags = PALPATE_STATE_UNLATCH;
@@ -300,7 +303,8 @@ static void thresholds_are_the_definitions(void **state) {
         state_in.flags = 0;
         ramp++;
     }
-    assert_true(ramp == 20 || ramp == 21); // 20 ms; one more where the sum of twentieths rounds down
+    assert_true(ramp == 20 ||
+                ramp == 21); // 20 ms; one more where the sum of twentieths rounds down
     missed(10);
     assert_int_equal(tick(), PALPATE_FAULT_STALL);
     missed(0);

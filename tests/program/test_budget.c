@@ -1,5 +1,5 @@
-/// `palpate precompute --budget`: what is picked keeps to the budget when the model is looked at, says why,
-/// and a budget that nothing meets is refused by name.
+/// `palpate precompute --budget`: what is picked keeps to the budget when the model is looked at,
+/// says why, and a budget that nothing meets is refused by name.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,7 +13,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "haptic/cost.h"
+#include "haptic/engine/cost.h"
 #include "tests/support/program.h"
 #include "tests/support/synthetic_model.h"
 
@@ -54,8 +54,9 @@ static void write_scene(char *path, size_t size, const char *name, const char *p
 
 static int set_up(void **state) {
     (void)state;
-    write_scene(scene, sizeof scene, "patch.yaml",
-                "  patches: {top: {ball: {center: [0, 0, 0], radius: 0.012}, rim_spacing: 0.004}}\n");
+    write_scene(
+        scene, sizeof scene, "patch.yaml",
+        "  patches: {top: {ball: {center: [0, 0, 0], radius: 0.012}, rim_spacing: 0.004}}\n");
     write_scene(plain, sizeof plain, "plain.yaml", "");
     (void)snprintf(model, sizeof model, "/tmp/palpate-budget-%ld.palpate", (long)getpid());
     return 0;
@@ -70,7 +71,8 @@ static int tear_down(void **state) {
 }
 
 static const char *picked(const program_result *r, const char *key) {
-    return json_string_value(json_object_get(json_object_get(json_object_get(r->json, "budget"), "picked"), key));
+    return json_string_value(
+        json_object_get(json_object_get(json_object_get(r->json, "budget"), "picked"), key));
 }
 
 static void bytes_are_kept_to_and_more_bytes_buy_a_finer_model(void **state) {
@@ -78,16 +80,21 @@ static void bytes_are_kept_to_and_more_bytes_buy_a_finer_model(void **state) {
     double nodes[2];
     const double allowed[2] = {1e6, 3e6};
     for (int k = 0; k < 2; k++) {
-        program_result r = run("precompute %s --budget %.0fkB -o %s --json --quiet", plain, 1e-3 * allowed[k], model);
+        program_result r = run("precompute %s --budget %.0fkB -o %s --json --quiet", plain,
+                               1e-3 * allowed[k], model);
         assert_int_equal(r.status, 0);
-        program_result info = run("info %s --json", model); // the file itself, not what was promised
+        program_result info =
+            run("info %s --json", model); // the file itself, not what was promised
         double bytes = program_number(info.json, "bytes");
         assert_true(bytes <= allowed[k]);
-        assert_true(bytes > 0.1 * allowed[k]); // steps of 2^(1/3) in spacing: a factor of 2 to 3 in bytes
+        assert_true(bytes >
+                    0.1 * allowed[k]); // steps of 2^(1/3) in spacing: a factor of 2 to 3 in bytes
         assert_true(bytes == program_number(r.json, "budget.measured.bytes"));
-        assert_string_equal(picked(&r, "displacement"), "surface"); // what the scene asked for is kept
+        assert_string_equal(picked(&r, "displacement"),
+                            "surface"); // what the scene asked for is kept
         assert_non_null(json_object_get(json_object_get(r.json, "budget"), "why"));
-        assert_true(json_array_size(json_object_get(json_object_get(r.json, "budget"), "pilots")) >= 2);
+        assert_true(json_array_size(json_object_get(json_object_get(r.json, "budget"), "pilots")) >=
+                    2);
         nodes[k] = program_number(info.json, "nodes");
         program_clear(&info);
         program_clear(&r);
@@ -112,7 +119,8 @@ static void an_error_is_met_by_the_models_own_estimate(void **state) {
 
 static void a_time_budget_of_no_concern_is_met_and_said(void **state) {
     (void)state;
-    // two seconds a tick: met on any machine; the text names what was picked, predicted and measured
+    // two seconds a tick: met on any machine; the text names what was picked, predicted and
+    // measured
     program_result r = run("precompute %s --budget 2s --budget 5MB -o %s", scene, model);
     assert_int_equal(r.status, 0);
     assert_non_null(strstr(r.out, "picked "));

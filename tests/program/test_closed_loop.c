@@ -1,5 +1,5 @@
-/// `palpate run` with a simulated device: the same loop gives the same numbers, the report's energies
-/// are those of its recording, and a hand's press holds against the organ.
+/// `palpate run` with a simulated device: the same loop gives the same numbers, the report's
+/// energies are those of its recording, and a hand's press holds against the organ.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -11,8 +11,8 @@
 #include <stdlib.h>
 #include <unistd.h>
 
-#include "haptic/h5.h"
-#include "haptic/passivity.h"
+#include "haptic/model/h5.h"
+#include "haptic/safety/passivity.h"
 #include "tests/support/program.h"
 #include <palpate/palpate.h>
 
@@ -70,8 +70,8 @@ static void energies_are_those_of_the_recording(void **state) {
     double given = program_number(r.json, "energy.probe.given");
     double taken = program_number(r.json, "energy.probe.taken");
     double worst = program_number(r.json, "energy.probe.worst");
-    // two presses of some 3 mm and 0.18 N; what sampling adds, K T / 2 times the integral of v^2, is
-    // 30 N/m x 1 ms x 2 s x (13 mm/s)^2 = 10 uJ at most
+    // two presses of some 3 mm and 0.18 N; what sampling adds, K T / 2 times the integral of v^2,
+    // is 30 N/m x 1 ms x 2 s x (13 mm/s)^2 = 10 uJ at most
     assert_true(taken > 2e-4 && given > 2e-4 && worst >= 0.0 && worst < 1e-5);
     assert_true(fabs(given - taken) < 1e-5);
 

@@ -1,5 +1,6 @@
-/// Friction on a curved organ: a ball pressed on the pole of a hemisphere, then dragged along great circles
-/// in 16 directions, sticks first and then slides at mu times the normal force; symmetrized and raw model.
+/// Friction on a curved organ: a ball pressed on the pole of a hemisphere, then dragged along great
+/// circles in 16 directions, sticks first and then slides at mu times the normal force; symmetrized
+/// and raw model.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -40,14 +41,19 @@ static double dot3(const double a[3], const double b[3]) {
 
 static void drag(const char *repair, double stiffness, double most_aside) {
     // a raw model is that of the collocated form, which is not symmetric
-    const char *const set[] = {repair, strcmp(repair, "repair=none") == 0 ? "method={kind: cell, form: collocated}"
-                                                                          : NULL, NULL};
+    const char *const set[] = {
+        repair, strcmp(repair, "repair=none") == 0 ? "method={kind: cell, form: collocated}" : NULL,
+        NULL};
     pal_scene *scene = NULL;
     pal_model *model = NULL;
     pal_engine *engine = NULL;
     pal_error e = {0};
-    pal_tool_def tool = {.name = "probe", .shape = PALPATE_SHAPE_SPHERE, .radius = BALL, .friction = 0.4,
-                         .coupling_stiffness = stiffness, .coupling_damping = stiffness / 1000,
+    pal_tool_def tool = {.name = "probe",
+                         .shape = PALPATE_SHAPE_SPHERE,
+                         .radius = BALL,
+                         .friction = 0.4,
+                         .coupling_stiffness = stiffness,
+                         .coupling_damping = stiffness / 1000,
                          .limits = {INFINITY, INFINITY, INFINITY}};
     if (test_scene_load(SCENE, set, &scene, &e) != PALPATE_OK ||
         pal_precompute(scene, NULL, &model, &e) != PALPATE_OK) {
@@ -61,15 +67,17 @@ static void drag(const char *repair, double stiffness, double most_aside) {
     }
     double worst = 0, aside = 0, depth = 0.0012, leap = 0;
     for (int k = 0; k < 16; k++) {
-        double a = 2 * PI * k / 16 + 0.1, way[3] = {cos(a), sin(a), 0}, across[3] = {-sin(a), cos(a), 0};
+        double a = 2 * PI * k / 16 + 0.1, way[3] = {cos(a), sin(a), 0},
+               across[3] = {-sin(a), cos(a), 0};
         int stuck = 0;
         pal_tool_force f = {0}, last = {0};
         pal_engine_reset(engine);
         for (int i = 0; i <= 600; i++) {
             double down = depth * fmin(1, i / 100.0), along = 1e-5 * fmax(0, i - 100) / BODY;
             double r = BODY + BALL - down;
-            pal_tool_state in = {.position = {r * sin(along) * way[0], r * sin(along) * way[1], r * cos(along)},
-                                 .orientation = {1, 0, 0, 0}};
+            pal_tool_state in = {
+                .position = {r * sin(along) * way[0], r * sin(along) * way[1], r * cos(along)},
+                .orientation = {1, 0, 0, 0}};
             (void)pal_engine_tick(engine, &in, &f);
             assert_true((f.fault & (PALPATE_FAULT_CUTOFF | PALPATE_FAULT_SINGULAR)) == 0);
             double n = dot3(f.force, f.normal), t[3];
@@ -91,7 +99,8 @@ static void drag(const char *repair, double stiffness, double most_aside) {
         }
         assert_true(stuck > 10);
     }
-    print_message("  %s, coupling %.0f N/m: within %.1e of mu f_n in 16 directions, %.1e aside, %.1f N/m at most\n",
+    print_message("  %s, coupling %.0f N/m: within %.1e of mu f_n in 16 directions, %.1e aside, "
+                  "%.1f N/m at most\n",
                   repair, stiffness, worst, aside, leap / 1e-5);
     assert_true(worst < 0.01); // issue 5
     assert_true(aside < most_aside);

@@ -1,6 +1,7 @@
-/// Paper 1's hemisphere against the converged reference (../shared/reference/hemisphere_patch.json):
-/// force and displacements of the bonded cap over five clouds of 900 to 1600 nodes and one that is the
-/// same body as a rotated surface, convergence over three rim spacings, and what point collocation gives.
+/// Paper 1's hemisphere against the converged reference
+/// (../shared/reference/hemisphere_patch.json): force and displacements of the bonded cap over five
+/// clouds of 900 to 1600 nodes and one that is the same body as a rotated surface, convergence over
+/// three rim spacings, and what point collocation gives.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -27,7 +28,8 @@ static void write_scene(double nu, double spacing, double rim, const json_t *mat
             "palpate: 1\nbody:\n  geometry: {hemisphere: {radius: %g}}\n  spacing: %.9g\n"
             "  material: {young: 1e4, poisson: %g}\n  fixed: [{below: {z: 0}}]\n"
             "  touchable: [{ball: {center: [0, 0, %g], radius: 0.012}}]\n"
-            "  patches: {pole: {ball: {center: [0, 0, %g], radius: %.12g}, rim_spacing: %.9g}}\n  probes:\n",
+            "  patches: {pole: {ball: {center: [0, 0, %g], radius: %.12g}, rim_spacing: %.9g}}\n  "
+            "probes:\n",
             R, spacing, nu, R, R, 2 * R * sin(0.1), rim);
     const char *key;
     json_t *value;
@@ -70,7 +72,8 @@ static double probe_error(const json_t *press, const json_t *material) {
 
 static program_result press(const char *set) {
     char arguments[512];
-    (void)snprintf(arguments, sizeof arguments, "press %s --patch pole --by 0,0,-0.005 --json %s", scene, set);
+    (void)snprintf(arguments, sizeof arguments, "press %s --patch pole --by 0,0,-0.005 --json %s",
+                   scene, set);
     program_result r = program_run(arguments);
     if (r.status != 0) {
         fail_msg("%s: %s", arguments, r.error);
@@ -94,8 +97,9 @@ static void five_clouds_agree_with_the_reference(void **state) {
             double f[3] = {program_number(r.json, "force.0"), program_number(r.json, "force.1"),
                            program_number(r.json, "force.2")};
             double nodes = program_number(r.json, "nodes"), probes = probe_error(r.json, material);
-            print_message("# nu %s spacing x %.2f: %4.0f nodes, F_z %.4f N (%+.2f %%), probes %.2f %%\n", nus[n],
-                          factors[k], nodes, f[2], 100 * (f[2] / exact - 1), 100 * probes);
+            print_message(
+                "# nu %s spacing x %.2f: %4.0f nodes, F_z %.4f N (%+.2f %%), probes %.2f %%\n",
+                nus[n], factors[k], nodes, f[2], 100 * (f[2] / exact - 1), 100 * probes);
             assert_true(nodes >= 900 && nodes <= 1600);
             // the issue allows 4 %; measured within 1.3 %: 2 % says that something got worse
             assert_true(fabs(f[2] / exact - 1) < 0.02);
@@ -122,7 +126,8 @@ static void force_falls_monotonically_as_the_rim_is_refined(void **state) {
         program_result r = press("");
         force[k] = fabs(program_number(r.json, "force.2"));
         print_message("# rim %.1f mm: %.0f nodes, |F_z| %.4f N (%+.2f %%)\n", 1e3 * rim[k],
-                      program_number(r.json, "nodes"), force[k], 100 * (force[k] / fabs(exact) - 1));
+                      program_number(r.json, "nodes"), force[k],
+                      100 * (force[k] / fabs(exact) - 1));
         // measured +3.6 %, +1.1 %, +0.7 %: the coarse rim is a quarter of the patch's radius
         assert_true(fabs(force[k] - fabs(exact)) < 0.05 * fabs(exact));
         program_clear(&r);
@@ -144,7 +149,8 @@ static void point_collocation_is_reported_as_it_is(void **state) {
         (void)snprintf(set, sizeof set, "--set method.kind=point --set method.basis=%s", basis[k]);
         program_result r = press(set);
         print_message("# point, %s: F_z %.3f N, reciprocity %.2f, certificate %s\n", basis[k],
-                      program_number(r.json, "force.2"), program_number(r.json, "certificate.reciprocity"),
+                      program_number(r.json, "force.2"),
+                      program_number(r.json, "certificate.reciprocity"),
                       program_number(r.json, "certificate.pass") == 1 ? "passes" : "does not pass");
         // whatever the force: it is a number, and the certificate knows it is not reciprocal
         assert_true(isfinite(program_number(r.json, "force.2")));
@@ -159,7 +165,8 @@ static void point_collocation_is_reported_as_it_is(void **state) {
 static int setup(void **state) {
     (void)state;
     char path[512];
-    (void)snprintf(path, sizeof path, "%s/../shared/reference/hemisphere_patch.json", program_source());
+    (void)snprintf(path, sizeof path, "%s/../shared/reference/hemisphere_patch.json",
+                   program_source());
     reference = json_load_file(path, 0, NULL);
     (void)snprintf(scene, sizeof scene, "/tmp/palpate-hemisphere-%ld.yaml", (long)getpid());
     return 0;

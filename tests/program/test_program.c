@@ -61,11 +61,22 @@ static void every_command_helps_with_an_example(void **state) {
 
 static void precompute_prints_the_keys_of_the_design(void **state) {
     (void)state;
-    static const char *const key[] = {
-        "nodes", "touchable", "stored", "bytes", "seconds.cloud", "seconds.assemble", "seconds.factor",
-        "seconds.solve", "seconds.total", "peak_bytes", "certificate.pass", "certificate.reciprocity",
-        "certificate.force_change", "certificate.min_eigenvalue_ratio", "certificate.solve_residual",
-        "certificate.rcond"};
+    static const char *const key[] = {"nodes",
+                                      "touchable",
+                                      "stored",
+                                      "bytes",
+                                      "seconds.cloud",
+                                      "seconds.assemble",
+                                      "seconds.factor",
+                                      "seconds.solve",
+                                      "seconds.total",
+                                      "peak_bytes",
+                                      "certificate.pass",
+                                      "certificate.reciprocity",
+                                      "certificate.force_change",
+                                      "certificate.min_eigenvalue_ratio",
+                                      "certificate.solve_residual",
+                                      "certificate.rcond"};
     program_result r = run("precompute %s -o %s --json", scene_path, model_path);
     assert_int_equal(r.status, 0);
     for (size_t i = 0; i < sizeof key / sizeof key[0]; i++) {
@@ -113,7 +124,8 @@ static void the_error_is_estimated_and_refined_to_a_target(void **state) {
     assert_true(program_number(b.json, "nodes") > program_number(a.json, "nodes"));
     program_clear(&b);
     b = run("precompute %s --json --set estimate=false", scene_path);
-    assert_true(json_is_null(json_object_get(json_object_get(b.json, "certificate"), "estimated_error")));
+    assert_true(
+        json_is_null(json_object_get(json_object_get(b.json, "certificate"), "estimated_error")));
     program_clear(&b);
     b = run("precompute %s --target-error 0.01 --set estimate=false", scene_path);
     assert_int_equal(b.status, 1);
@@ -128,8 +140,9 @@ static void a_model_file_presses_like_its_scene(void **state) {
     program_result b = run("press %s --patch pole --by 0.001,0,-0.005 --json", model_path);
     assert_int_equal(a.status, 0);
     assert_int_equal(b.status, 0);
-    static const char *const key[] = {"force.0", "force.1", "force.2", "moment.0", "moment.1", "moment.2",
-                                      "probes.mid.0", "probes.mid.2", "patch_nodes", "nodes"};
+    static const char *const key[] = {"force.0",     "force.1",  "force.2",      "moment.0",
+                                      "moment.1",    "moment.2", "probes.mid.0", "probes.mid.2",
+                                      "patch_nodes", "nodes"};
     for (size_t i = 0; i < sizeof key / sizeof key[0]; i++) {
         assert_true(isfinite(program_number(a.json, key[i])));
         assert_true(program_number(a.json, key[i]) == program_number(b.json, key[i]));
@@ -183,15 +196,18 @@ static void errors_are_located_and_exit_is_not_zero(void **state) {
 /// No limit is a choice that every run reports; a limit left out is the default.
 static void a_run_says_what_limits_hold(void **state) {
     (void)state;
-    program_result r = run("run %s --for 0.05 --freewheel --no-draw --json --set tools.probe.limits.force=none "
-                           "--set tools.probe.device_spec.max_torque=0.01", scene_path);
+    program_result r =
+        run("run %s --for 0.05 --freewheel --no-draw --json --set tools.probe.limits.force=none "
+            "--set tools.probe.device_spec.max_torque=0.01",
+            scene_path);
     assert_int_equal(r.status, 0);
     const json_t *limits = json_array_get(json_object_get(r.json, "limits"), 0);
     assert_true(json_is_null(json_object_get(limits, "force")));
     assert_true(program_number(r.json, "limits.0.slew") == 100.0);
     assert_true(program_number(r.json, "limits.0.torque") == 0.01);
     program_clear(&r);
-    r = run("run %s --for 0.05 --freewheel --no-draw --set tools.probe.limits.force=none", scene_path);
+    r = run("run %s --for 0.05 --freewheel --no-draw --set tools.probe.limits.force=none",
+            scene_path);
     assert_non_null(strstr(r.out, "force NOT LIMITED"));
     program_clear(&r);
     r = run("run %s --for 0.05 --freewheel --no-draw --set tools.probe.limits.force=0", scene_path);
@@ -220,8 +236,8 @@ static void lost_output_is_not_success(void **state) {
     for (size_t i = 0; i < sizeof command / sizeof command[0]; i++) {
         char line[600];
         for (int full = 0; full < 2; full++) {
-            (void)snprintf(line, sizeof line, "\"$PALPATE\" %s %s > /dev/%s 2> /dev/null", command[i],
-                           strncmp(command[i], "info", 4) == 0 ? model_path : "",
+            (void)snprintf(line, sizeof line, "\"$PALPATE\" %s %s > /dev/%s 2> /dev/null",
+                           command[i], strncmp(command[i], "info", 4) == 0 ? model_path : "",
                            full ? "full" : "null");
             int status = system(line); // NOLINT(cert-env33-c): our own program
             assert_int_equal(WIFEXITED(status) && WEXITSTATUS(status) == 0, !full);
@@ -241,7 +257,8 @@ static void an_interrupt_leaves_nothing_half_written(void **state) {
             setenv("PALPATE_CACHE", cache, 1);
             (void)!freopen("/dev/null", "w", stdout);
             (void)!freopen("/dev/null", "w", stderr);
-            execlp(program, "palpate", "precompute", plain_path, "--set", "body.material.young=7777", (char *)NULL);
+            execlp(program, "palpate", "precompute", plain_path, "--set",
+                   "body.material.young=7777", (char *)NULL);
             _exit(99);
         }
         struct timespec pause = {0, ms * 1000000L};
@@ -268,8 +285,10 @@ static int setup(void **state) {
     (void)snprintf(model_path, sizeof model_path, "/tmp/palpate-test-%ld.palpate", (long)getpid());
     (void)snprintf(plain_path, sizeof plain_path, "%s/scenes/hemisphere.yaml", program_source());
     // the shipped scene, coarser: what is tested here is the program
-    (void)snprintf(scene_path, sizeof scene_path, "%s/scenes/hemisphere.yaml --set body.patches.pole.rim_spacing=0.002 "
-                   "--set body.refine=[]", program_source());
+    (void)snprintf(scene_path, sizeof scene_path,
+                   "%s/scenes/hemisphere.yaml --set body.patches.pole.rim_spacing=0.002 "
+                   "--set body.refine=[]",
+                   program_source());
     return 0;
 }
 

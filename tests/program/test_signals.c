@@ -1,6 +1,6 @@
-/// The fault table (tests/README.md), row of signals: SIGINT, SIGTERM and SIGSTOP/SIGCONT in every phase
-/// of a precomputation, and in a run that is recorded. The phases are read off the progress line, so the
-/// program runs on a pseudo terminal.
+/// The fault table (tests/README.md), row of signals: SIGINT, SIGTERM and SIGSTOP/SIGCONT in every
+/// phase of a precomputation, and in a run that is recorded. The phases are read off the progress
+/// line, so the program runs on a pseudo terminal.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -51,7 +51,8 @@ static void pause_ms(int ms) {
     (void)nanosleep(&t, NULL);
 }
 
-// ---- A program on a terminal ----------------------------------------------------------------------
+// ---- A program on a terminal
+// ----------------------------------------------------------------------
 
 typedef struct child {
     pid_t pid;
@@ -150,16 +151,25 @@ static void expect_good_model(const char *path) {
     program_clear(&r);
 }
 
-// ---- Precompute -------------------------------------------------------------------------------------
+// ---- Precompute
+// -------------------------------------------------------------------------------------
 
 static const char *const phases[] = {"cloud", "assemble", "factor", "solve", "certify", "write"};
 enum { PHASES = sizeof phases / sizeof *phases };
 
 static void start_precompute(child *c) {
-    const char *const argv[] = {"palpate",  "precompute",     scene,
-                                "-o",       model_path,       "--set",
-                                "estimate=false", "--set",    "body.patches.pole.rim_spacing=0.0014",
-                                "--set",    "body.refine=[]", NULL};
+    const char *const argv[] = {"palpate",
+                                "precompute",
+                                scene,
+                                "-o",
+                                model_path,
+                                "--set",
+                                "estimate=false",
+                                "--set",
+                                "body.patches.pole.rim_spacing=0.0014",
+                                "--set",
+                                "body.refine=[]",
+                                NULL};
     start(c, argv);
 }
 
@@ -173,7 +183,8 @@ static void a_precompute_told_to_end_leaves_nothing_half_made(void **state) {
             child c;
             start_precompute(&c);
             int reached = await(&c, phases[p]);
-            assert_true(reached || strcmp(phases[p], "solve") == 0); // solving may be too quick to be shown
+            assert_true(reached ||
+                        strcmp(phases[p], "solve") == 0); // solving may be too quick to be shown
             (void)kill(c.pid, signals[s]);
             int status = end(&c);
             expect_no_orphans();
@@ -209,7 +220,8 @@ static void a_precompute_that_is_stopped_goes_on(void **state) {
     expect_good_model(model_path);
 }
 
-// ---- Run and record -----------------------------------------------------------------------------------
+// ---- Run and record
+// -----------------------------------------------------------------------------------
 
 static int is_there(const char *suffix) {
     char name[160];
@@ -221,8 +233,8 @@ static void start_run(child *c) {
     char command[200];
     (void)snprintf(command, sizeof command, "rm -f %s*", record_path);
     assert_int_equal(system(command), 0); // NOLINT(cert-env33-c): our own folder
-    const char *const argv[] = {"palpate", "run",      model_path,  "--for",   "3600", "--no-draw",
-                                "--record", record_path, "--no-realtime", NULL};
+    const char *const argv[] = {"palpate",   "run",      model_path,  "--for",         "3600",
+                                "--no-draw", "--record", record_path, "--no-realtime", NULL};
     start(c, argv);
     for (int i = 0; i < 600; i++) { // records beyond the header are on disk
         char name[160];
@@ -239,7 +251,8 @@ static void start_run(child *c) {
 /// Differences of a replay on the model.
 static double differences(void) {
     char arguments[256];
-    (void)snprintf(arguments, sizeof arguments, "replay %s --model %s --json", record_path, model_path);
+    (void)snprintf(arguments, sizeof arguments, "replay %s --model %s --json", record_path,
+                   model_path);
     program_result r = program_run(arguments);
     double n = r.status <= 1 ? program_number(r.json, "differences") : -1.0;
     program_clear(&r);
@@ -258,7 +271,8 @@ static void a_recorded_run_told_to_end_ends_in_order(void **state) {
         pause_ms(50);
         (void)kill(c.pid, signals[s]);
         assert_int_equal(end(&c), 128 + signals[s]);
-        assert_true(is_there("") && !is_there(".ticks") && !is_there(".frames") && !is_there(".part"));
+        assert_true(is_there("") && !is_there(".ticks") && !is_there(".frames") &&
+                    !is_there(".part"));
         assert_true(differences() == 0.0);
     }
 }

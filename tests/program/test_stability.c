@@ -15,7 +15,7 @@
 #include <palpate/precompute.h>
 #include <palpate/scene.h>
 
-#include "src/scene.h"
+#include "src/scene/scene.h"
 #include "tests/support/closed_loop.h"
 #include "tests/support/scene_text.h"
 #include "tests/support/synthetic_model.h"
@@ -51,7 +51,7 @@ static void the_default_is_the_measured_one(void **state) {
         double stiffness, damping;
     } cases[] = {
         {{NULL}, 1000, 1},
-        {{"tools.0.device=", NULL}, 0, 0},                                   // null: stays at start
+        {{"tools.0.device=", NULL}, 0, 0}, // null: stays at start
         {{"tools.0.device={scripted: {depth: 0.001}}", NULL}, 0, 0},
         {{"servo.rate=2000", NULL}, 1000, 0.5},
         {{"contact.law=nodes", NULL}, 0, 0},
@@ -69,7 +69,8 @@ static void the_default_is_the_measured_one(void **state) {
     pal_error e = {0};
     const char *const bad[] = {"tools.0.coupling={damping: 1}", NULL};
     assert_int_equal(test_scene_load(SCENE, bad, &scene, &e), PALPATE_ERROR_SCENE);
-    assert_non_null(strstr(e.message, "tools[0].coupling.damping: found a damping without a stiffness"));
+    assert_non_null(
+        strstr(e.message, "tools[0].coupling.damping: found a damping without a stiffness"));
 }
 
 static pal_model *half_space(double young, double skew) {
@@ -83,9 +84,10 @@ static pal_model *half_space(double young, double skew) {
     return model;
 }
 
-/// A tap of 0.2 m/s on a tool pushed 2 mm into the organ, or with 1 N. @param device  0: no friction,
-/// exact encoders; 1: Touch; 2: Premium
-static loop_result tap(const pal_model *model, pal_tool_def tool, int device, int grip, int coupled) {
+/// A tap of 0.2 m/s on a tool pushed 2 mm into the organ, or with 1 N. @param device  0: no
+/// friction, exact encoders; 1: Touch; 2: Premium
+static loop_result tap(const pal_model *model, pal_tool_def tool, int device, int grip,
+                       int coupled) {
     pal_simulated *s = &tool.device.simulated;
     *s = pal_simulated_default(device == 2 ? PALPATE_SIMULATED_PREMIUM : PALPATE_SIMULATED_TOUCH,
                                (pal_simulated_grip)grip);
@@ -132,7 +134,8 @@ static void the_default_coupling_does_not_grow(void **state) {
     }
 }
 
-/// The same tap, nothing between device and organ: 1 MPa is some 7 kN/m, and 0.1 N s/m calm 200 N/m.
+/// The same tap, nothing between device and organ: 1 MPa is some 7 kN/m, and 0.1 N s/m calm 200
+/// N/m.
 static void without_a_coupling_a_stiff_organ_grows(void **state) {
     (void)state;
     pal_tool_def tool = tool_of(NULL);
@@ -147,7 +150,8 @@ static void without_a_coupling_a_stiff_organ_grows(void **state) {
 }
 
 /// Forceps let go while they circle: a skew part s of the stiffness k turns a circle of frequency w
-/// faster when s k / w > b (less what sampling takes); without it the circle dies as exp(-b t / 2 m).
+/// faster when s k / w > b (less what sampling takes); without it the circle dies as exp(-b t / 2
+/// m).
 static void feeds(const pal_model *raw, const pal_model *repaired) {
     int32_t column = loop_worst_column(raw);
     double skew, k;
@@ -156,8 +160,8 @@ static void feeds(const pal_model *raw, const pal_model *repaired) {
     const double b = 0.1, m = 0.045;
     loop_def def = {.model = raw, .seconds = 10, .period = 1e-3, .nodes = 1};
     def.tool = loop_forceps(raw, column, b, &skew, &k);
-    print_message("raw: %.0f N/m, skew %.1f %%, feeds circles below b = %.3f N s/m\n", k, 100 * skew,
-                  skew * sqrt(k * m));
+    print_message("raw: %.0f N/m, skew %.1f %%, feeds circles below b = %.3f N s/m\n", k,
+                  100 * skew, skew * sqrt(k * m));
     assert_true(skew * sqrt(k * m) > 1.3 * b && 0.5 * k * 1e-3 < 0.5 * b);
     assert_int_equal(loop_run(&def, &r, &e), PALPATE_OK);
     assert_true(r.swing[19] > 10.0 * r.swing[3]); // grown, here into the device's stops
@@ -182,8 +186,10 @@ static void a_raw_half_space_feeds_the_loop(void **state) {
 }
 
 static pal_model *collocated(const char *repair) {
-    const char *const set[] = {"method={kind: cell, form: collocated}", repair,
-                               "body.material.poisson=0.3", "store={displacement: none}",
+    const char *const set[] = {"method={kind: cell, form: collocated}",
+                               repair,
+                               "body.material.poisson=0.3",
+                               "store={displacement: none}",
                                "body.touchable=[{ball: {center: [0, 0, 0.05], radius: 0.02}}]",
                                "body.patches={pole: {ball: {center: [0, 0, 0.05], radius: 0.01}, "
                                "rim_spacing: 0.0025}}",

@@ -1,5 +1,6 @@
-/// The force of `run` at the end of a slow press is the static one: a real model, a real run in real
-/// time, its recording, and LAPACK on the model's own compliance for the nodes that were touched.
+/// The force of `run` at the end of a slow press is the static one: a real model, a real run in
+/// real time, its recording, and LAPACK on the model's own compliance for the nodes that were
+/// touched.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -14,7 +15,7 @@
 
 #include <palpate/palpate.h>
 
-#include "haptic/h5.h"
+#include "haptic/model/h5.h"
 #include "tests/support/engine_rig.h"
 #include "tests/support/program.h"
 
@@ -38,7 +39,8 @@ static double *read_column(pal_h5 *file, const char *path, int64_t rows, int64_t
     double *x = malloc((size_t)(rows * width) * sizeof *x);
     pal_error e = {0};
     assert_non_null(x);
-    if (pal_h5_read(file, path, PALPATE_H5_F64, 2, (const int64_t[]){rows, width}, x, &e) != PALPATE_OK) {
+    if (pal_h5_read(file, path, PALPATE_H5_F64, 2, (const int64_t[]){rows, width}, x, &e) !=
+        PALPATE_OK) {
         fail_msg("%s", e.message);
     }
     return x;
@@ -50,10 +52,11 @@ static void a_slow_press_ends_in_the_static_solution(void **state) {
     (void)snprintf(model, sizeof model, "%s/m.palpate", folder);
     (void)snprintf(record, sizeof record, "%s/r.h5", folder);
     // 3 mm in 1 s, a little aside so that nothing is symmetric
-    run_ok("precompute %s/scenes/hemisphere.yaml -q -o %s --set body.patches.pole.rim_spacing=0.002 "
-           "--set 'tools.probe.device={scripted: {kind: press, depth: 0.003, ramp: 1}}' "
-           "--set contact.law=nodes --set 'tools.probe.start=[0.0021, -0.0013, 0.054]'",
-           program_source(), model);
+    run_ok(
+        "precompute %s/scenes/hemisphere.yaml -q -o %s --set body.patches.pole.rim_spacing=0.002 "
+        "--set 'tools.probe.device={scripted: {kind: press, depth: 0.003, ramp: 1}}' "
+        "--set contact.law=nodes --set 'tools.probe.start=[0.0021, -0.0013, 0.054]'",
+        program_source(), model);
     run_ok("run %s --for 1.2 --no-draw --no-realtime --record %s", model, record);
 
     rig r = {0};
@@ -100,8 +103,8 @@ static void a_slow_press_ends_in_the_static_solution(void **state) {
         size = hypot(size, sum[k]);
         difference = hypot(difference, force[3 * (n - 1) + k] + sum[k]);
     }
-    print_message("force %.6g N on %d nodes, static solution differs by %.1e\n", size, (int)out.contact_count,
-                  difference / size);
+    print_message("force %.6g N on %d nodes, static solution differs by %.1e\n", size,
+                  (int)out.contact_count, difference / size);
     assert_true(size > 0.02 && size < 1.0); // about 0.12 N; Hertz: 4/3 E* sqrt(R) d^1.5 = 0.17 N
     assert_true(difference <= 1e-5 * size);
     // down on the body, up on the tool, and nearly along the press

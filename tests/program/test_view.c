@@ -1,5 +1,5 @@
-/// The window under Xvfb: it opens, draws the running organ, saves a picture; without a display it says
-/// what to do instead.
+/// The window under Xvfb: it opens, draws the running organ, saves a picture; without a display it
+/// says what to do instead.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -22,10 +22,11 @@ static void window_draws_the_running_organ(void **state) {
     char line[1200], picture[128];
     (void)snprintf(picture, sizeof picture, "/tmp/palpate-view-%ld.png", (long)getpid());
     const char *program = getenv("PALPATE") ? getenv("PALPATE") : "build/palpate";
-    (void)snprintf(line, sizeof line,
-                   "exec xvfb-run -a %s view %s/scenes/hemisphere.yaml --for 3 --size 480x320 "
-                   "--set body.patches.pole.rim_spacing=0.002 --set body.refine=[] --snapshot %s --json 2>&1",
-                   program, program_source(), picture);
+    (void)snprintf(
+        line, sizeof line,
+        "exec xvfb-run -a %s view %s/scenes/hemisphere.yaml --for 3 --size 480x320 "
+        "--set body.patches.pole.rim_spacing=0.002 --set body.refine=[] --snapshot %s --json 2>&1",
+        program, program_source(), picture);
     FILE *p = popen(line, "r");
     char out[4096];
     size_t n = fread(out, 1, sizeof out - 1, p);
@@ -50,7 +51,8 @@ static void window_draws_the_running_organ(void **state) {
     uint8_t *rgb = malloc(PNG_IMAGE_SIZE(image));
     assert_true(png_image_finish_read(&image, NULL, rgb, 0, NULL));
     int tissue = 0;
-    for (size_t i = 0; i < (size_t)480 * 320; i++) { // reddish: resting tissue; the background is bluish
+    for (size_t i = 0; i < (size_t)480 * 320;
+         i++) { // reddish: resting tissue; the background is bluish
         tissue += rgb[3 * i] > rgb[3 * i + 2] + 20;
     }
     assert_true(tissue > 480 * 320 / 20);
@@ -65,7 +67,8 @@ static void without_a_display_the_message_says_what_to_do(void **state) {
     unsetenv("DISPLAY");
     unsetenv("WAYLAND_DISPLAY");
     (void)snprintf(arguments, sizeof arguments,
-                   "view %s/scenes/hemisphere.yaml --set body.patches.pole.rim_spacing=0.002 --set body.refine=[]",
+                   "view %s/scenes/hemisphere.yaml --set body.patches.pole.rim_spacing=0.002 --set "
+                   "body.refine=[]",
                    program_source());
     program_result r = program_run(arguments);
     assert_int_equal(r.status, 1);

@@ -1,11 +1,12 @@
 /// @file soak.c  `make soak MINUTES=n`: hours of random but physical use with random faults.
 ///
 /// Episode after episode, each from one seed: a model, one to four tools of random shape, coupling,
-/// friction, contact law and limits, hands that press, slide, circle and tremble, or a simulated device in
-/// closed loop, and devices that lie (soak_hand.c). Three of four run as a whole session in freewheel, with
-/// render and recorder threads, some recorded and replayed bit for bit; the others drive the engine alone,
-/// with missed periods. Every tick is checked (soak_check.c); after every episode the heap, the open files
-/// and the mappings must be what they were. The first violation ends it with the seed that shows it again:
+/// friction, contact law and limits, hands that press, slide, circle and tremble, or a simulated
+/// device in closed loop, and devices that lie (soak_hand.c). Three of four run as a whole session
+/// in freewheel, with render and recorder threads, some recorded and replayed bit for bit; the
+/// others drive the engine alone, with missed periods. Every tick is checked (soak_check.c); after
+/// every episode the heap, the open files and the mappings must be what they were. The first
+/// violation ends it with the seed that shows it again:
 ///     build/soak --seed S --episodes 1
 #include <errno.h>
 #include <dirent.h>
@@ -19,8 +20,8 @@
 
 #include <palpate/precompute.h>
 
-#include "haptic/model.h"
-#include "haptic/replay.h"
+#include "haptic/model/model.h"
+#include "haptic/recording/replay.h"
 #include "tests/soak/soak.h"
 #include "tests/support/synthetic_model.h"
 
@@ -32,7 +33,8 @@ typedef struct bench_model {
 } bench_model;
 
 typedef struct totals {
-    uint64_t episodes, sessions, replays, ticks, tool_ticks, contact_ticks, frames, excursions, refused_defs;
+    uint64_t episodes, sessions, replays, ticks, tool_ticks, contact_ticks, frames, excursions,
+        refused_defs;
     uint64_t injected[SOAK_FAULTS], latched, fault[32];
     uint64_t retraced;
     double worst, largest, given, taken;
@@ -50,7 +52,8 @@ static double seconds_now(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-// ---- Models -----------------------------------------------------------------------------------------
+// ---- Models
+// -----------------------------------------------------------------------------------------
 
 static pal_model *build(const char *file, const char *const set[]) {
     char path[512];
@@ -72,17 +75,27 @@ static pal_model *build(const char *file, const char *const set[]) {
 }
 
 static void build_models(bench_model out[MODELS]) {
-    static const char *const coarse[] = {"estimate=false", "body.refine=[]", "body.spacing=0.01",
+    static const char *const coarse[] = {"estimate=false",
+                                         "body.refine=[]",
+                                         "body.spacing=0.01",
                                          "body.patches.pole.rim_spacing=0.004",
-                                         "body.touchable=[{above: {z: 0.01}}]", NULL};
-    static const char *const raw[] = {"estimate=false", "body.refine=[]", "body.spacing=0.01",
+                                         "body.touchable=[{above: {z: 0.01}}]",
+                                         NULL};
+    static const char *const raw[] = {"estimate=false",
+                                      "body.refine=[]",
+                                      "body.spacing=0.01",
                                       "body.patches.pole.rim_spacing=0.004",
-                                      "body.touchable=[{above: {z: 0.01}}]", "method.form=collocated",
-                                      "repair=none", "certify=warn", "store.precision=half", NULL};
+                                      "body.touchable=[{above: {z: 0.01}}]",
+                                      "method.form=collocated",
+                                      "repair=none",
+                                      "certify=warn",
+                                      "store.precision=half",
+                                      NULL};
     static const char *const organ[] = {"estimate=false", "body.refine=[]", "body.spacing=0.012",
                                         "body.patches.lobe.rim_spacing=0.006", NULL};
-    static const char *const fine[] = {"estimate=false", "body.patches.pole.rim_spacing=0.002",
-                                       "body.refine=[{center: [0, 0, 0.05], radius: 0.015, spacing: 0.004}]", NULL};
+    static const char *const fine[] = {
+        "estimate=false", "body.patches.pole.rim_spacing=0.002",
+        "body.refine=[{center: [0, 0, 0.05], radius: 0.015, spacing: 0.004}]", NULL};
     synthetic_params p = synthetic_default_params();
     p.n = 14;
     out[0] = (bench_model){"hemisphere", build("hemisphere.yaml", coarse)};
@@ -102,13 +115,15 @@ static void build_models(bench_model out[MODELS]) {
     }
 }
 
-// ---- One episode ------------------------------------------------------------------------------------
+// ---- One episode
+// ------------------------------------------------------------------------------------
 
 static void choose_tool(soak_episode *e, int t) {
     soak_rng *r = &e->rng;
     pal_tool_def *tool = &e->tool[t];
     memset(tool, 0, sizeof *tool);
-    double spacing = e->model->info.spacing_mean > 0.0 ? e->model->info.spacing_mean : 0.05 * e->size;
+    double spacing =
+        e->model->info.spacing_mean > 0.0 ? e->model->info.spacing_mean : 0.05 * e->size;
     (void)snprintf(tool->name, sizeof tool->name, "tool%d", t);
     tool->shape = (pal_shape_kind)soak_below(r, 3);
     tool->radius = tool->shape == PALPATE_SHAPE_POINT ? 0.0 : soak_uniform(r, 0.2, 2.0) * spacing;
@@ -248,11 +263,14 @@ static int run_session(soak_episode *e, const char *folder, totals *sum) {
         sum->latched += (r.latched >> t & 1u);
     }
     if (e->failure[0] == 0) {
-        if (r.ticks != (uint64_t)e->ticks || r.missed != 0 || r.device_errors != refused || r.frames != e->frames) {
-            soak_fail(e, "report: %llu ticks, %llu missed, %llu device errors (%llu refused), %llu frames",
-                      (unsigned long long)r.ticks, (unsigned long long)r.missed,
-                      (unsigned long long)r.device_errors, (unsigned long long)refused,
-                      (unsigned long long)r.frames);
+        if (r.ticks != (uint64_t)e->ticks || r.missed != 0 || r.device_errors != refused ||
+            r.frames != e->frames) {
+            soak_fail(
+                e,
+                "report: %llu ticks, %llu missed, %llu device errors (%llu refused), %llu frames",
+                (unsigned long long)r.ticks, (unsigned long long)r.missed,
+                (unsigned long long)r.device_errors, (unsigned long long)refused,
+                (unsigned long long)r.frames);
         }
         if (recorded && (r.records != expected || r.records_lost != 0 || r.record_error[0] != 0)) {
             soak_fail(e, "recording: %llu of %llu records", (unsigned long long)r.records,
@@ -356,7 +374,8 @@ static void maybe_simulate(soak_episode *e, int t) {
 }
 
 /// @return 1 when all held
-static int run_episode(uint64_t seed, const bench_model models[MODELS], const char *folder, int only, totals *sum) {
+static int run_episode(uint64_t seed, const bench_model models[MODELS], const char *folder,
+                       int only, totals *sum) {
     soak_episode *e = calloc(1, sizeof *e);
     if (e == NULL) {
         return 0;
@@ -372,7 +391,8 @@ static int run_episode(uint64_t seed, const bench_model models[MODELS], const ch
     choose_engine(e);
     pal_error refusal = {0};
     pal_engine *probe = NULL;
-    if (pal_engine_create(e->model, &e->def.engine, &probe, &refusal) == PALPATE_ERROR_UNSUPPORTED) {
+    if (pal_engine_create(e->model, &e->def.engine, &probe, &refusal) ==
+        PALPATE_ERROR_UNSUPPORTED) {
         for (int t = 0; t < e->def.engine.tool_count; t++) { // what a law has not is left out
             e->tool[t].friction = e->tool[t].coupling_stiffness = e->tool[t].coupling_damping = 0.0;
         }
@@ -382,13 +402,16 @@ static int run_episode(uint64_t seed, const bench_model models[MODELS], const ch
         soak_hand_init(&e->hand[t], e, t);
         maybe_simulate(e, t);
     }
-    // paper 1's law prescribes displacements of nodes that come and go: which do depends on the way there
+    // paper 1's law prescribes displacements of nodes that come and go: which do depends on the way
+    // there
     e->retraces = e->def.engine.tool_count == 1 && e->hand[0].retraces && !e->hand[0].simulated &&
                   e->def.engine.contact_law == PALPATE_CONTACT_SURFACE;
     int ran = e->by_session ? run_session(e, folder, sum) : run_engine(e, sum);
     const soak_energy *g = &e->energy;
     if (ran && e->retraces && g->beyond > 0.0) {
-        soak_fail(e, "energy: an excursion returned %.3g of what it had stored, %.3g J more than sampling explains",
+        soak_fail(e,
+                  "energy: an excursion returned %.3g of what it had stored, %.3g J more than "
+                  "sampling explains",
                   -g->worst, g->beyond);
     }
     int tools = e->def.engine.tool_count;
@@ -413,17 +436,19 @@ static int run_episode(uint64_t seed, const bench_model models[MODELS], const ch
         sum->retraced += e->retraces ? g->excursions : 0;
         if (e->retraces && g->worst < sum->worst) {
             sum->worst = g->worst;
-            (void)snprintf(sum->worst_where, sizeof sum->worst_where, "seed %llu, %s", (unsigned long long)seed,
-                           e->model_name);
+            (void)snprintf(sum->worst_where, sizeof sum->worst_where, "seed %llu, %s",
+                           (unsigned long long)seed, e->model_name);
         }
     }
     int held = e->failure[0] == 0;
     if (!held) {
-        (void)printf("\nFAILED seed %llu (%s, %d tools, law %d, %s): %s\n", (unsigned long long)seed, e->model_name,
-                     tools, (int)e->def.engine.contact_law, e->by_session ? "session" : "engine", e->failure);
+        (void)printf("\nFAILED seed %llu (%s, %d tools, law %d, %s): %s\n",
+                     (unsigned long long)seed, e->model_name, tools, (int)e->def.engine.contact_law,
+                     e->by_session ? "session" : "engine", e->failure);
         for (int t = 0; t < tools; t++) {
             const pal_tool_def *d = &e->tool[t];
-            (void)printf("  tool %d: shape %d, radius %g, length %g, friction %g, coupling %g N/m %g N s/m, limits %g N "
+            (void)printf("  tool %d: shape %d, radius %g, length %g, friction %g, coupling %g N/m "
+                         "%g N s/m, limits %g N "
                          "%g N/ms %g N m%s\n",
                          t, (int)d->shape, d->radius, d->length, d->friction, d->coupling_stiffness,
                          d->coupling_damping, d->limits.force, d->limits.slew, d->limits.torque,
@@ -435,7 +460,8 @@ static int run_episode(uint64_t seed, const bench_model models[MODELS], const ch
     return held;
 }
 
-// ---- Leaks --------------------------------------------------------------------------------------------
+// ---- Leaks
+// --------------------------------------------------------------------------------------------
 
 typedef struct footprint {
     double heap, resident; ///< [MB]
@@ -469,42 +495,52 @@ static void print_line(const totals *s, double elapsed, const footprint *f) {
     for (int k = 0; k < SOAK_FAULTS; k++) {
         faults += s->injected[k];
     }
-    (void)printf("%7.0f s  %6llu episodes  %6.1f M ticks of %6.1f M tools  %6llu faults  %6llu excursions, worst %+.4f"
+    (void)printf("%7.0f s  %6llu episodes  %6.1f M ticks of %6.1f M tools  %6llu faults  %6llu "
+                 "excursions, worst %+.4f"
                  "  heap %.2f MB, resident %.1f MB\n",
-                 elapsed, (unsigned long long)s->episodes, 1e-6 * (double)s->ticks, 1e-6 * (double)s->tool_ticks,
-                 (unsigned long long)faults, (unsigned long long)s->excursions, s->worst, f->heap, f->resident);
+                 elapsed, (unsigned long long)s->episodes, 1e-6 * (double)s->ticks,
+                 1e-6 * (double)s->tool_ticks, (unsigned long long)faults,
+                 (unsigned long long)s->excursions, s->worst, f->heap, f->resident);
     (void)fflush(stdout);
 }
 
-static void print_summary(const totals *s, double elapsed, const footprint *first, const footprint *last) {
-    static const char *const kind[SOAK_FAULTS] = {"",         "not a number",  "refused read", "frozen stamp",
-                                                  "backwards", "teleport",     "refused write", "missed periods"};
+static void print_summary(const totals *s, double elapsed, const footprint *first,
+                          const footprint *last) {
+    static const char *const kind[SOAK_FAULTS] = {
+        "",          "not a number", "refused read",  "frozen stamp",
+        "backwards", "teleport",     "refused write", "missed periods"};
 #define FAULT_NAME(name, bit, text) [bit] = #name,
     static const char *const fault_name[32] = {PALPATE_FAULT_LIST(FAULT_NAME)};
 #undef FAULT_NAME
-    (void)printf("\n%.1f min: %llu episodes (%llu sessions, %llu recorded and replayed, %llu definitions refused), "
+    (void)printf("\n%.1f min: %llu episodes (%llu sessions, %llu recorded and replayed, %llu "
+                 "definitions refused), "
                  "%llu ticks, %llu tool-ticks, %llu in contact, %llu frames\n",
                  elapsed / 60.0, (unsigned long long)s->episodes, (unsigned long long)s->sessions,
-                 (unsigned long long)s->replays, (unsigned long long)s->refused_defs, (unsigned long long)s->ticks,
-                 (unsigned long long)s->tool_ticks, (unsigned long long)s->contact_ticks,
-                 (unsigned long long)s->frames);
+                 (unsigned long long)s->replays, (unsigned long long)s->refused_defs,
+                 (unsigned long long)s->ticks, (unsigned long long)s->tool_ticks,
+                 (unsigned long long)s->contact_ticks, (unsigned long long)s->frames);
     (void)printf("injected:");
     for (int k = 1; k < SOAK_FAULTS; k++) {
-        (void)printf(" %llu %s%s", (unsigned long long)s->injected[k], kind[k], k + 1 < SOAK_FAULTS ? "," : "\n");
+        (void)printf(" %llu %s%s", (unsigned long long)s->injected[k], kind[k],
+                     k + 1 < SOAK_FAULTS ? "," : "\n");
     }
     (void)printf("raised (ticks):");
     for (int b = 0; b < 32; b++) {
         if (s->fault[b] > 0) {
-            (void)printf(" %s %llu", fault_name[b] != NULL ? fault_name[b] + strlen("PALPATE_FAULT_") : "?",
+            (void)printf(" %s %llu",
+                         fault_name[b] != NULL ? fault_name[b] + strlen("PALPATE_FAULT_") : "?",
                          (unsigned long long)s->fault[b]);
         }
     }
-    (void)printf("\nenergy: %llu retraced excursions, the worst ended at %+.5f of what it had stored (%s)\n",
-                 (unsigned long long)s->retraced, s->worst, s->worst_where);
-    (void)printf("all %llu excursions took %.4g J and gave %.4g J\n", (unsigned long long)s->excursions, s->taken,
-                 s->given);
-    (void)printf("largest force %.4g N; heap %.3f -> %.3f MB, resident %.1f -> %.1f MB, files %d -> %d\n", s->largest,
-                 first->heap, last->heap, first->resident, last->resident, first->files, last->files);
+    (void)printf(
+        "\nenergy: %llu retraced excursions, the worst ended at %+.5f of what it had stored (%s)\n",
+        (unsigned long long)s->retraced, s->worst, s->worst_where);
+    (void)printf("all %llu excursions took %.4g J and gave %.4g J\n",
+                 (unsigned long long)s->excursions, s->taken, s->given);
+    (void)printf(
+        "largest force %.4g N; heap %.3f -> %.3f MB, resident %.1f -> %.1f MB, files %d -> %d\n",
+        s->largest, first->heap, last->heap, first->resident, last->resident, first->files,
+        last->files);
 }
 
 int main(int argc, char **argv) {
@@ -521,7 +557,8 @@ int main(int argc, char **argv) {
         } else if (strcmp(argv[i], "--model") == 0) {
             only = atoi(argv[i + 1]) % MODELS;
         } else {
-            (void)fprintf(stderr, "soak [--minutes M] [--seed S] [--episodes N] [--model 0..%d]\n", MODELS - 1);
+            (void)fprintf(stderr, "soak [--minutes M] [--seed S] [--episodes N] [--model 0..%d]\n",
+                          MODELS - 1);
             return 2;
         }
     }
@@ -536,18 +573,21 @@ int main(int argc, char **argv) {
     double begin = seconds_now(), shown = begin;
     footprint first = measure(), last = first;
     int held = 1;
-    for (uint64_t n = 0; held && (episodes > 0 ? n < episodes : seconds_now() - begin < 60.0 * minutes); n++) {
+    for (uint64_t n = 0;
+         held && (episodes > 0 ? n < episodes : seconds_now() - begin < 60.0 * minutes); n++) {
         held = run_episode(seed + n, models, folder, only, &sum);
         last = measure();
         if (n + 1 == WARM) { // libraries have set themselves up, the allocator has its arenas
             first = last;
         }
-        // recordings leave what HDF5 caches: a bound, not a trend; a leaked engine would be 1 MB each
+        // recordings leave what HDF5 caches: a bound, not a trend; a leaked engine would be 1 MB
+        // each
         if (n > WARM && (last.heap > first.heap + 8.0 || last.resident > first.resident + 160.0 ||
                          last.files != first.files)) {
-            (void)printf("\nFAILED seed %llu: heap %.2f -> %.2f MB, resident %.1f -> %.1f MB, open files %d -> %d\n",
-                         (unsigned long long)(seed + n), first.heap, last.heap, first.resident, last.resident,
-                         first.files, last.files);
+            (void)printf("\nFAILED seed %llu: heap %.2f -> %.2f MB, resident %.1f -> %.1f MB, open "
+                         "files %d -> %d\n",
+                         (unsigned long long)(seed + n), first.heap, last.heap, first.resident,
+                         last.resident, first.files, last.files);
             held = 0;
         }
         if (seconds_now() - shown > 10.0) {

@@ -1,5 +1,5 @@
-/// @file soak.h  One episode of the soak: tools that move as hands do, devices that lie, and what must
-/// hold in every tick whatever they do.
+/// @file soak.h  One episode of the soak: tools that move as hands do, devices that lie, and what
+/// must hold in every tick whatever they do.
 #ifndef PALPATE_TESTS_SOAK_H
 #define PALPATE_TESTS_SOAK_H
 
@@ -7,7 +7,8 @@
 
 #include <palpate/session.h>
 
-// ---- Random numbers: SplitMix64 (Steele, Lea and Flood 2014), one seed per episode ----------------
+// ---- Random numbers: SplitMix64 (Steele, Lea and Flood 2014), one seed per episode
+// ----------------
 typedef struct soak_rng {
     uint64_t state;
 } soak_rng;
@@ -15,7 +16,8 @@ double soak_uniform(soak_rng *r, double low, double high);
 int soak_chance(soak_rng *r, double probability);
 int64_t soak_below(soak_rng *r, int64_t n); ///< 0 to n - 1
 
-// ---- A hand (soak_hand.c) --------------------------------------------------------------------------
+// ---- A hand (soak_hand.c)
+// --------------------------------------------------------------------------
 typedef enum soak_fault {
     SOAK_NONE,
     SOAK_NOT_A_NUMBER,
@@ -30,7 +32,8 @@ typedef enum soak_fault {
 
 struct soak_episode;
 
-/// A tool's motion: presses that come and go, sliding, circling, tremor, a turning wrist; and faults.
+/// A tool's motion: presses that come and go, sliding, circling, tremor, a turning wrist; and
+/// faults.
 typedef struct soak_hand {
     struct soak_episode *episode;
     int index;
@@ -45,8 +48,8 @@ typedef struct soak_hand {
     int64_t fault_left; ///< ticks
     double jump[3];
     int64_t stamp; ///< of the last read that was usable
-    int unusable;      ///< bad reads in a row, this one included
-    int simulated;     ///< the pose comes from `inner` instead
+    int unusable;  ///< bad reads in a row, this one included
+    int simulated; ///< the pose comes from `inner` instead
     pal_device inner;
     soak_rng rng;
     uint64_t refused; ///< reads and writes
@@ -60,7 +63,8 @@ pal_status soak_hand_read(soak_hand *h, int64_t time_ns, pal_tool_state *state);
 /// The force of that tick; may refuse.
 pal_status soak_hand_write(soak_hand *h, int64_t time_ns, const pal_tool_force *force);
 
-// ---- What must hold (soak_check.c) ------------------------------------------------------------------
+// ---- What must hold (soak_check.c)
+// ------------------------------------------------------------------
 typedef struct soak_track {
     double force[3], position[3], torque[3], orientation[4]; ///< of the tick before
     int64_t latched_for;
@@ -69,8 +73,8 @@ typedef struct soak_track {
 
 /// Work done on the body since all tools were last free of it, by the trapezoidal rule.
 typedef struct soak_energy {
-    int begun;   ///< a tick before exists
-    int judged;  ///< 0: something happened in this excursion that energy says nothing about
+    int begun;           ///< a tick before exists
+    int judged;          ///< 0: something happened in this excursion that energy says nothing about
     double work, stored; ///< now and the largest [J]
     double blur;         ///< what the rule cannot tell: sum of |dF| |dx| / 4 over the ticks [J]
     double worst;        ///< of all excursions: the most negative end / the largest stored
@@ -87,8 +91,8 @@ typedef struct soak_episode {
     soak_rng rng;
     const pal_model *model;
     const char *model_name;
-    double size; ///< of the body [m]
-    int retraces; ///< one tool whose path is retraced: energy is judged
+    double size;         ///< of the body [m]
+    int retraces;        ///< one tool whose path is retraced: energy is judged
     pal_session_def def; ///< tools and engine definition as asked for
     pal_tool_def tool[SOAK_TOOLS];
     pal_engine_def effective;

@@ -1,14 +1,15 @@
 /// @file soak_check.c  What must hold in every tick.
 ///
-/// Limits hold to rounding. Energy: over an excursion (all tools free, then touching, then free again, no
-/// fault, limit or grasp in between) the work done on the body is summed by the trapezoidal rule over poses
-/// and forces of the ticks. Where one tool retraces its path, in and out along one line, it must not end
-/// below zero by more than the rule cannot tell (in and out are sampled at different depths; for a force
-/// that is monotone within a tick a trapezoid errs by less than |dF| |dx| / 2, and errors of both signs
-/// come: half of that is allowed): whatever the law, it may keep no memory that gives energy back. Where tools slide, the contact
-/// laws are not conservative, and that is measured, not judged: forces act along the rest shape's normals,
-/// so the tangential force that belongs to a compliance varying along the surface is missing, and sliding to
-/// and fro takes or gives energy.
+/// Limits hold to rounding. Energy: over an excursion (all tools free, then touching, then free
+/// again, no fault, limit or grasp in between) the work done on the body is summed by the
+/// trapezoidal rule over poses and forces of the ticks. Where one tool retraces its path, in and
+/// out along one line, it must not end below zero by more than the rule cannot tell (in and out are
+/// sampled at different depths; for a force that is monotone within a tick a trapezoid errs by less
+/// than |dF| |dx| / 2, and errors of both signs come: half of that is allowed): whatever the law,
+/// it may keep no memory that gives energy back. Where tools slide, the contact laws are not
+/// conservative, and that is measured, not judged: forces act along the rest shape's normals, so
+/// the tangential force that belongs to a compliance varying along the surface is missing, and
+/// sliding to and fro takes or gives energy.
 #include "tests/soak/soak.h"
 
 #include <math.h>
@@ -57,31 +58,32 @@ void soak_check_force(soak_episode *e, int tool, int64_t n, const pal_tool_force
                   norm(f->force), limits->force);
     }
     if (!(norm(f->torque) <= limits->torque * (1 + 1e-12))) {
-        soak_fail(e, "tick %lld, tool %d: torque %.17g N m above its cap", (long long)n, tool, norm(f->torque));
+        soak_fail(e, "tick %lld, tool %d: torque %.17g N m above its cap", (long long)n, tool,
+                  norm(f->torque));
     }
     // a force that was no number is zero at once
     if (!(f->fault & PALPATE_FAULT_FORCE) && !(norm(change) <= step * (1 + 1e-9) + 1e-13)) {
-        soak_fail(e, "tick %lld, tool %d: the force moved by %.17g N, slew allows %.17g N", (long long)n, tool,
-                  norm(change), step);
+        soak_fail(e, "tick %lld, tool %d: the force moved by %.17g N, slew allows %.17g N",
+                  (long long)n, tool, norm(change), step);
     }
     if (f->contact_count < 0 || f->contact_count > def->max_contacts || f->depth < 0.0 ||
         f->depth > 10.0 * (e->size + 1.0)) {
-        soak_fail(e, "tick %lld, tool %d: %d contacts, depth %g m", (long long)n, tool, (int)f->contact_count,
-                  f->depth);
+        soak_fail(e, "tick %lld, tool %d: %d contacts, depth %g m", (long long)n, tool,
+                  (int)f->contact_count, f->depth);
     }
     if (f->fault & ~KNOWN) {
         soak_fail(e, "tick %lld, tool %d: fault 0x%x", (long long)n, tool, f->fault);
     }
     double stale = ceil(def->watchdog.stale / def->period * (1 - 1e-9));
     if (e->hand[tool].unusable >= stale && !(f->fault & PALPATE_FAULT_STALE)) {
-        soak_fail(e, "tick %lld, tool %d: %d unusable poses in a row and not stale", (long long)n, tool,
-                  e->hand[tool].unusable);
+        soak_fail(e, "tick %lld, tool %d: %d unusable poses in a row and not stale", (long long)n,
+                  tool, e->hand[tool].unusable);
     }
     t->latched_for = f->fault & PALPATE_FAULT_LATCHED ? t->latched_for + 1 : 0;
     double fade = def->watchdog.ramp_down / def->period + limits->force / step + 3.0;
     if ((double)t->latched_for > fade && norm(f->force) > 0.0) {
-        soak_fail(e, "tick %lld, tool %d: latched for %lld ticks and still %g N", (long long)n, tool,
-                  (long long)t->latched_for, norm(f->force));
+        soak_fail(e, "tick %lld, tool %d: latched for %lld ticks and still %g N", (long long)n,
+                  tool, (long long)t->latched_for, norm(f->force));
     }
     for (int bit = 0; bit < 32; bit++) {
         t->fault[bit] += f->fault >> bit & 1u;
@@ -154,8 +156,8 @@ void soak_check_frame(soak_episode *e, const pal_frame *frame) {
     e->frames++;
     for (int64_t i = 0; frame->displacement != NULL && i < 3 * (int64_t)frame->row_count; i++) {
         if (!isfinite(frame->displacement[i])) {
-            soak_fail(e, "frame of tick %llu: displacement %lld is not finite", (unsigned long long)frame->tick,
-                      (long long)i);
+            soak_fail(e, "frame of tick %llu: displacement %lld is not finite",
+                      (unsigned long long)frame->tick, (long long)i);
             return;
         }
     }
@@ -163,7 +165,8 @@ void soak_check_frame(soak_episode *e, const pal_frame *frame) {
 
 void soak_check_counts(soak_episode *e, const pal_engine_counts *c) {
     if (c->ticks != (uint64_t)e->ticks) {
-        soak_fail(e, "the engine counts %llu ticks of %lld", (unsigned long long)c->ticks, (long long)e->ticks);
+        soak_fail(e, "the engine counts %llu ticks of %lld", (unsigned long long)c->ticks,
+                  (long long)e->ticks);
     }
     uint64_t onsets = 0;
     for (int bit = 0; bit < 32; bit++) {

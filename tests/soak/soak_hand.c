@@ -1,15 +1,15 @@
 /// @file soak_hand.c  Random but physical motion, and faults of the device that reports it.
 ///
-/// A hand works around a random node of the touchable surface: it comes from outside, presses to a random
-/// depth and leaves again (a raised sine along the node's normal), slides and circles in the tangent
-/// plane, trembles at 8 to 12 Hz (physiological: some 0.1 mm) and turns its wrist. Speeds stay below
-/// 1 m/s, so a jump is always a fault. Faults begin at random and last random times.
+/// A hand works around a random node of the touchable surface: it comes from outside, presses to a
+/// random depth and leaves again (a raised sine along the node's normal), slides and circles in the
+/// tangent plane, trembles at 8 to 12 Hz (physiological: some 0.1 mm) and turns its wrist. Speeds
+/// stay below 1 m/s, so a jump is always a fault. Faults begin at random and last random times.
 #include "tests/soak/soak.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "haptic/model.h"
+#include "haptic/model/model.h"
 
 static uint64_t next(soak_rng *r) {
     uint64_t z = r->state += 0x9E3779B97F4A7C15u;
@@ -75,7 +75,8 @@ void soak_hand_init(soak_hand *h, soak_episode *e, int index) {
     // a capsule lies across its z, wherever that points: it must start outside in any case
     double reach = tool->shape == PALPATE_SHAPE_POINT ? 0.0 : tool->radius + 0.5 * tool->length;
     h->clearance = reach + soak_uniform(r, 0.001, 0.01);
-    h->depth = soak_uniform(r, 0.0005, 0.08 * e->size) - (tool->shape == PALPATE_SHAPE_POINT ? 0.0 : tool->radius);
+    h->depth = soak_uniform(r, 0.0005, 0.08 * e->size) -
+               (tool->shape == PALPATE_SHAPE_POINT ? 0.0 : tool->radius);
     h->press_rate = soak_uniform(r, 0.2, 2.0);
     h->press_phase = -1.5707963267948966; // from outside
     for (int k = 0; k < 2; k++) {
@@ -108,7 +109,8 @@ static void honest_pose(soak_hand *h, double t, pal_tool_state *state) {
     double angle = 0.5 * h->turn * sin(turn * h->turn_rate * t);
     state->orientation[0] = cos(angle);
     for (int i = 0; i < 3; i++) {
-        state->position[i] = h->origin[i] + height * h->normal[i] + a * h->tangent[i] + b * h->side[i];
+        state->position[i] =
+            h->origin[i] + height * h->normal[i] + a * h->tangent[i] + b * h->side[i];
         state->orientation[i + 1] = sin(angle) * h->turn_axis[i];
     }
     state->buttons = h->grasps && sin(turn * 0.7 * t) > 0.3;

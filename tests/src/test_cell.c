@@ -10,8 +10,8 @@
 #include <cmocka.h>
 #include <lapacke.h>
 
-#include "src/cell_faces.h"
-#include "src/discretization.h"
+#include "src/discretization/cell_faces.h"
+#include "src/discretization/discretization.h"
 #include "tests/support/cell_rig.h"
 
 static const double UNIT[3] = {1, 1, 1};

@@ -9,9 +9,9 @@
 
 #include <cmocka.h>
 
-#include "src/cell_faces.h"
-#include "src/cell_groups.h"
-#include "src/factor.h"
+#include "src/discretization/cell_faces.h"
+#include "src/discretization/cell_groups.h"
+#include "src/solution/factor.h"
 #include "tests/support/cell_rig.h"
 
 static const double UNIT[3] = {1, 1, 1};

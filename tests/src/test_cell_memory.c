@@ -1,5 +1,5 @@
-/// Every allocation of the cell method fails once: a clean error, nothing leaked, and the next build
-/// is the same to the bit.
+/// Every allocation of the cell method fails once: a clean error, nothing leaked, and the next
+/// build is the same to the bit.
 ///
 /// The program's allocator is replaced by one that can fail at the n-th call and counts the blocks
 /// made while watching. Sanitizers bring their own allocator: skipped there.
@@ -65,13 +65,12 @@ static void every_allocation_fails_once(void **state) {
     if (SANITIZED) {
         skip();
     }
-    const pal_method methods[2] = {{.kind = PALPATE_METHOD_CELL,
-                                    .volumetric = PALPATE_VOLUMETRIC_PATCH,
-                                    .stabilization = -1},
-                                   {.kind = PALPATE_METHOD_CELL,
-                                    .volumetric = PALPATE_VOLUMETRIC_NODAL,
-                                    .form = PALPATE_CELL_COLLOCATED,
-                                    .stabilization = -1}};
+    const pal_method methods[2] = {
+        {.kind = PALPATE_METHOD_CELL, .volumetric = PALPATE_VOLUMETRIC_PATCH, .stabilization = -1},
+        {.kind = PALPATE_METHOD_CELL,
+         .volumetric = PALPATE_VOLUMETRIC_NODAL,
+         .form = PALPATE_CELL_COLLOCATED,
+         .stabilization = -1}};
     pal_cloud c;
     rig_box(&c, (const double[3]){1, 1, 1}, 3, 3, 3, 0.1);
     uint8_t *fixed = rig_flags(c.node_count);

@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-#include "src/cloud.h"
+#include "src/cloud/cloud.h"
 
 static const double SIZE[3] = {1.0, 0.5, 0.25};
 static const int CELLS[3] = {6, 4, 3};
@@ -50,7 +50,8 @@ static void box_has_exact_volume_area_and_closed_surface(void **state) {
         }
         // divergence theorem with nodal area vectors: exact on flat faces
         assert_true(fabs(moment - 0.125) < 1e-13);
-        // cells are 1/6 x 1/8 x 1/12: the flattest cut makes atan((1/12) / (1/6)); jitter only worsens
+        // cells are 1/6 x 1/8 x 1/12: the flattest cut makes atan((1/12) / (1/6)); jitter only
+        // worsens
         double flattest = atan(0.5) * 57.29577951308232;
         assert_true(k ? r.dihedral_min < flattest : fabs(r.dihedral_min - flattest) < 1e-9);
         assert_true(r.dihedral_min > 1.0 && r.dihedral_max < 179.0);

@@ -1,5 +1,5 @@
-/// Clouds of primitives: exactness on surface and rim, second-order volume and area, spacing, bits that
-/// do not depend on the absolute size, and the helper process's ways to fail.
+/// Clouds of primitives: exactness on surface and rim, second-order volume and area, spacing, bits
+/// that do not depend on the absolute size, and the helper process's ways to fail.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,9 +13,9 @@
 
 #include <cmocka.h>
 
-#include "src/cloud.h"
-#include "src/rims.h"
-#include "src/tet_improve.h"
+#include "src/cloud/cloud.h"
+#include "src/cloud/rims.h"
+#include "src/cloud/tet_improve.h"
 #include "tests/support/clouds.h"
 
 static const double PI = 3.14159265358979324;
@@ -57,7 +57,8 @@ static void same_bits_at_any_size(void **state) {
         assert_int_equal(c.surface_count, first.surface_count);
         assert_int_equal(c.tet_count, first.tet_count);
         assert_memory_equal(c.position, first.position, 3 * (size_t)c.node_count * sizeof(double));
-        assert_memory_equal(c.triangle, first.triangle, 3 * (size_t)c.triangle_count * sizeof(int32_t));
+        assert_memory_equal(c.triangle, first.triangle,
+                            3 * (size_t)c.triangle_count * sizeof(int32_t));
         assert_memory_equal(c.tet, first.tet, 4 * (size_t)c.tet_count * sizeof(int32_t));
         assert_memory_equal(c.spacing, first.spacing, (size_t)c.node_count * sizeof(double));
         // one rounding of the scene's own number
@@ -67,8 +68,8 @@ static void same_bits_at_any_size(void **state) {
     pal_cloud_clear(&first);
 }
 
-/// Check that the rim |x - center| = radius is a closed chain of edges, nodes exactly on it, that no
-/// triangle crosses it, and that the chain's edges are near `spacing`.
+/// Check that the rim |x - center| = radius is a closed chain of edges, nodes exactly on it, that
+/// no triangle crosses it, and that the chain's edges are near `spacing`.
 static void check_rim(const pal_cloud *c, const double center[3], double radius, double spacing) {
     int32_t on_count = 0, rim_edges = 0;
     double length = 0.0, shortest = HUGE_VAL, longest = 0.0;
@@ -195,7 +196,8 @@ static void box_patch_on_an_edge_has_its_rim(void **state) {
             u[d] = p[1][d] - p[0][d];
             v[d] = p[2][d] - p[0][d];
         }
-        double n[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]};
+        double n[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2],
+                       u[0] * v[1] - u[1] * v[0]};
         area += inside * 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
     }
     // top: 0.4 x 0.35, right face (z from 0.1 to 0.25): 0.35 x 0.15; exact because the rim conforms
@@ -286,7 +288,8 @@ static void sphere_volume_and_area_converge_at_second_order(void **state) {
         assert_true(error_v[i] > 0.0 && error_a[i] > 0.0); // inscribed
         pal_cloud_clear(&c);
     }
-    for (int i = 0; i < 2; i++) { // halving the spacing: a quarter; node counts are not exactly fourfold
+    for (int i = 0; i < 2;
+         i++) { // halving the spacing: a quarter; node counts are not exactly fourfold
         assert_true(error_v[i] / error_v[i + 1] > 3.2 && error_v[i] / error_v[i + 1] < 5.0);
         assert_true(error_a[i] / error_a[i + 1] > 3.2 && error_a[i] / error_a[i + 1] < 5.0);
     }
@@ -359,8 +362,9 @@ static void bridges_between_surface_nodes_are_split(void **state) {
     assert_int_equal(c.node_count, c.surface_count);
     pal_mesh_fill fill = {0, malloc(sizeof(double)), c.tet_count, c.tet};
     assert_non_null(fill.inside);
-    assert_int_equal(pal_tets_improve(c.position, c.surface_count, c.triangle, c.triangle_count, &fill, &e),
-                     PALPATE_OK);
+    assert_int_equal(
+        pal_tets_improve(c.position, c.surface_count, c.triangle, c.triangle_count, &fill, &e),
+        PALPATE_OK);
     assert_true(fill.inside_count >= 4 * 3); // one in each cell at least
     double *x = malloc(3 * (size_t)(c.surface_count + fill.inside_count) * sizeof *x);
     assert_non_null(x);
@@ -403,7 +407,8 @@ static void impossible_spacings_and_places_are_refused(void **state) {
     test_scene_box(&t, 0.2, 0.04, 0.04, center, 0.03);
     expect_failure(&t, NULL, PALPATE_ERROR_GEOMETRY, "body.spacing: 0.03 m is too coarse");
     test_scene_box(&t, 0.2, 0.04, 0.04, center, 1e-5);
-    expect_failure(&t, NULL, PALPATE_ERROR_CLOUD, "body.spacing: with its refinements it asks for about");
+    expect_failure(&t, NULL, PALPATE_ERROR_CLOUD,
+                   "body.spacing: with its refinements it asks for about");
     test_scene_box(&t, 0.2, 0.04, 0.04, center, 0.01);
     test_scene_refine_ball(&t, center, 0.002, 1e-6); // between the samples of the estimate
     expect_failure(&t, NULL, PALPATE_ERROR_CLOUD, "smaller refined zones");
@@ -448,7 +453,8 @@ static void a_mesher_that_dies_is_a_clear_error(void **state) {
         const char *words;
     } fate[] = {
         {"kill -9 $$", PALPATE_ERROR_CLOUD, "signal 9"},
-        {"head -c 100 >/dev/null; echo progress 0.5 >&2; kill -11 $$", PALPATE_ERROR_CLOUD, "signal 11"},
+        {"head -c 100 >/dev/null; echo progress 0.5 >&2; kill -11 $$", PALPATE_ERROR_CLOUD,
+         "signal 11"},
         {"echo no licence >&2; exit 3", PALPATE_ERROR_CLOUD, "exit status 3): no licence"},
         {"cat >/dev/null & head -c 4096 /dev/zero; exit 0", PALPATE_ERROR_CLOUD, "same build"},
     };

@@ -15,7 +15,7 @@
 
 #include <cmocka.h>
 
-#include "src/skin.h"
+#include "src/cloud/skin.h"
 #include "tests/support/clouds.h"
 #include "tests/support/surfaces.h"
 
@@ -127,8 +127,8 @@ static void fail_each(test_scene *t) {
     assert_int_equal(status, PALPATE_OK);
     assert_true(total > 30);
     int failed = 0;
-    // the first 40 one by one, later ones (mostly sorting edges round after round) with growing steps,
-    // the last 20 one by one again
+    // the first 40 one by one, later ones (mostly sorting edges round after round) with growing
+    // steps, the last 20 one by one again
     for (long n = 1; n <= total; n += n < 40 || n > total - 20 ? 1 : 1 + n / 40) {
         (void)attempt(t, n, &status, &same);
         if (status == PALPATE_OK) {

@@ -1,6 +1,7 @@
 /// The stored compliance against dense LAPACK on the same system, end to end from a scene's text:
-/// Eqs. 52-53 equal a direct solve with the tool's rows replaced by Dirichlet rows, every column and
-/// row is the right one, in every precision, at every unit, and nothing hangs on what was skipped.
+/// Eqs. 52-53 equal a direct solve with the tool's rows replaced by Dirichlet rows, every column
+/// and row is the right one, in every precision, at every unit, and nothing hangs on what was
+/// skipped.
 #include <float.h>
 #include <math.h>
 #include <setjmp.h>
@@ -16,11 +17,11 @@
 
 #include <palpate/precompute.h>
 
-#include "haptic/model.h"
-#include "src/compliance.h"
-#include "src/factor.h"
-#include "src/scene.h"
-#include "src/scene_check.h"
+#include "haptic/model/model.h"
+#include "src/solution/compliance.h"
+#include "src/solution/factor.h"
+#include "src/scene/scene.h"
+#include "src/cloud/scene_check.h"
 #include "tests/support/scene_text.h"
 
 /// Clamped at its base, a cap to press, two probes: one inside, one at a surface node (the pole).
@@ -47,11 +48,11 @@ typedef struct rig {
     pal_node_sets sets;
     pal_system system;
     pal_model *model;
-    double unit;      ///< 1 / (E L) of metres per newton
+    double unit; ///< 1 / (E L) of metres per newton
     lapack_int n;
-    double *k, *lu;   ///< K dense and its LU factors, column-major
+    double *k, *lu; ///< K dense and its LU factors, column-major
     lapack_int *pivot;
-    double cond;      ///< of K, 1-norm
+    double cond; ///< of K, 1-norm
 } rig;
 
 static void *need(void *p) {
@@ -80,7 +81,8 @@ static void rig_system(rig *r, const char *text, const char *const set[]) {
     for (int32_t i = 0; i < r->cloud.node_count; i++) {
         fixed[i] = (r->sets.flags[i] & PALPATE_NODE_FIXED) != 0;
     }
-    OK(pal_discretize(&r->cloud, fixed, r->scene->poisson, &r->scene->method, NULL, &r->system, &error));
+    OK(pal_discretize(&r->cloud, fixed, r->scene->poisson, &r->scene->method, NULL, &r->system,
+                      &error));
     free(fixed);
     r->unit = 1.0 / (r->scene->young * r->cloud.length);
 }
@@ -133,8 +135,8 @@ static void column_of(const rig *r, int32_t node, int c, double *x) {
     for (int64_t e = b->start[j]; e < b->start[j + 1]; e++) {
         x[b->row[e]] = b->value[e];
     }
-    assert_int_equal(
-        LAPACKE_dgetrs(LAPACK_COL_MAJOR, 'N', r->n, 1, r->lu, r->n, r->pivot, x, r->n), 0);
+    assert_int_equal(LAPACKE_dgetrs(LAPACK_COL_MAJOR, 'N', r->n, 1, r->lu, r->n, r->pivot, x, r->n),
+                     0);
 }
 
 /// Displacement [m] of a node's component in a solution; zero where the node is held.
@@ -224,9 +226,10 @@ static void pressing_equals_a_direct_solve_with_dirichlet_rows(void **state) {
         if (!(worst <= tolerance * 0.005)) {
             fail_msg("method %d: displacements off by %g m (cond %g)", k, worst, r.cond);
         }
-        print_message("method %d: %d nodes, F_z %.4f N, cond %.1e, force error %.1e, field error %.1e\n",
-                      k, (int)m->info.node_count, press.force[2], r.cond, worst_force / size_force,
-                      worst / 0.005);
+        print_message(
+            "method %d: %d nodes, F_z %.4f N, cond %.1e, force error %.1e, field error %.1e\n", k,
+            (int)m->info.node_count, press.force[2], r.cond, worst_force / size_force,
+            worst / 0.005);
         pal_press_clear(&press);
         free(a);
         free(u);
@@ -272,7 +275,8 @@ static void every_column_is_lapacks(void **state) {
                     for (int32_t q = 0; q < used; q++) {
                         want += weight[q] * at(&r, x, node[q], d);
                     }
-                    off = fmax(off, fabs(m->probe_row[j * 3 * m->info.probe_count + 3 * p + d] - want));
+                    off = fmax(off,
+                               fabs(m->probe_row[j * 3 * m->info.probe_count + 3 * p + d] - want));
                 }
             }
             if (!(off <= tolerance * size)) {
@@ -327,7 +331,8 @@ static void skipping_unwanted_unknowns_changes_no_bit(void **state) {
 /// Every patch is its own ball's surface nodes, all of them.
 static void patches_are_what_their_selectors_say(void **state) {
     (void)state;
-    static const double center[2][3] = {{0, 0, 0.05}, {0.035, 0, 0.035}}, radius[2] = {0.018, 0.016};
+    static const double center[2][3] = {{0, 0, 0.05}, {0.035, 0, 0.035}},
+                        radius[2] = {0.018, 0.016};
     rig r;
     rig_open(&r, HEMISPHERE, NULL);
     assert_int_equal(r.model->info.patch_count, 2);
@@ -396,8 +401,8 @@ static void the_certificate_tells_what_forces_do(void **state) {
             pal_scene *scene;
             OK(test_scene_load(
                 HEMISPHERE,
-                (const char *const[]){kinds[k], s ? "repair=symmetrize" : "repair=none", NULL}, &scene,
-                &error));
+                (const char *const[]){kinds[k], s ? "repair=symmetrize" : "repair=none", NULL},
+                &scene, &error));
             OK(pal_precompute(scene, NULL, &m[s], &error));
             pal_scene_free(scene);
         }
@@ -444,8 +449,8 @@ static void rows_are_rounded_once(void **state) {
         pal_model *m[3];
         for (int p = 0; p < 3; p++) {
             pal_scene *scene;
-            OK(test_scene_load(HEMISPHERE, (const char *const[]){young[e], precision[p], NULL}, &scene,
-                               &error));
+            OK(test_scene_load(HEMISPHERE, (const char *const[]){young[e], precision[p], NULL},
+                               &scene, &error));
             OK(pal_precompute(scene, NULL, &m[p], &error));
             pal_scene_free(scene);
         }
@@ -463,8 +468,8 @@ static void rows_are_rounded_once(void **state) {
                     size = fmax(size, fabs(exact[i]));
                     assert_true(fabs(rounded[i] - exact[i]) <= allowed);
                 }
-                // the scale leaves the format's precision to what matters: 1e-5 of a column's largest
-                // is still a normal number
+                // the scale leaves the format's precision to what matters: 1e-5 of a column's
+                // largest is still a normal number
                 assert_true(p == 1 || 1e-5 * size > 0x1p-14 * m[p]->row_scale);
             }
         }
@@ -497,8 +502,10 @@ static void half_rows_make_room_for_unsampled_columns(void **state) {
     (void)state;
     rig r;
     rig_system(&r, HEMISPHERE, NULL);
-    pal_model *m[2] = {hand_model(&r, PALPATE_PRECISION_DOUBLE), hand_model(&r, PALPATE_PRECISION_HALF)};
-    int32_t big = 3 * m[0]->column_node[1] + 2; // 12 evenly spaced columns are sampled, not column 5
+    pal_model *m[2] = {hand_model(&r, PALPATE_PRECISION_DOUBLE),
+                       hand_model(&r, PALPATE_PRECISION_HALF)};
+    int32_t big =
+        3 * m[0]->column_node[1] + 2; // 12 evenly spaced columns are sampled, not column 5
     for (int64_t e = r.system.load.start[big]; e < r.system.load.start[big + 1]; e++) {
         r.system.load.value[e] *= 0x1p14;
     }
@@ -517,7 +524,8 @@ static void half_rows_make_room_for_unsampled_columns(void **state) {
         OK(pal_model_load_column(m[1], j, rounded));
         for (int32_t i = 0; i < 3 * r.cloud.node_count; i++) {
             size = fmax(size, fabs(exact[i]));
-            assert_true(fabs(rounded[i] - exact[i]) <= fmax(0x1p-11 * fabs(exact[i]), 0x1p-25 * scale));
+            assert_true(fabs(rounded[i] - exact[i]) <=
+                        fmax(0x1p-11 * fabs(exact[i]), 0x1p-25 * scale));
         }
     }
     assert_true(size <= 65504.0 * scale && size > 0x1p-14 * scale);
@@ -552,7 +560,8 @@ static void a_poor_factor_is_refined(void **state) {
         memcpy(a->value, good, (size_t)a->start[a->columns] * sizeof *good);
         pal_model *m = hand_model(&r, PALPATE_PRECISION_DOUBLE);
         pal_compliance_report report;
-        OK(pal_compliance_solve(&r.system, factor, 1.0 / r.unit, 1.0, NULL, NULL, m, &report, &error));
+        OK(pal_compliance_solve(&r.system, factor, 1.0 / r.unit, 1.0, NULL, NULL, m, &report,
+                                &error));
         assert_int_equal(report.refined, 1);
         assert_true(report.residual < 1e-10); // as delivered, after the step
         double *x = zeros(r.n), *stored = zeros(3 * r.cloud.node_count);
@@ -626,18 +635,22 @@ static void units_scale_out(void **state) {
             }
             assert_true(largest > 0.1 && worst <= 1e-8 * largest);
             // what else has a unit: volumes, areas, places
-            assert_true(fabs(m->info.volume / (0.48 * size * size * size) - 1.0) < 1e-5); // the grid of nodes
+            assert_true(fabs(m->info.volume / (0.48 * size * size * size) - 1.0) <
+                        1e-5); // the grid of nodes
             double area = 0.0;
             for (int32_t i = 0; i < m->info.surface_count; i++) {
                 for (int d = 0; d < 3; d++) {
                     area += m->area_vector[3 * i + d] * m->position[3 * i + d];
                 }
             }
-            assert_true(fabs(area / (3.0 * m->info.volume) - 1.0) < 0.1); // divergence theorem, lumped
+            assert_true(fabs(area / (3.0 * m->info.volume) - 1.0) <
+                        0.1); // divergence theorem, lumped
             assert_true(fabs(m->info.bounds_max[0] / (0.5 * size) - 1.0) < 1e-5);
-            assert_true(fabs(m->info.spacing_mean / size / reference->info.spacing_mean - 1.0) < 1e-8);
+            assert_true(fabs(m->info.spacing_mean / size / reference->info.spacing_mean - 1.0) <
+                        1e-8);
             assert_true(fabs(m->info.certificate.max_eigenvalue * e * size /
-                                 reference->info.certificate.max_eigenvalue - 1.0) < 1e-5);
+                                 reference->info.certificate.max_eigenvalue -
+                             1.0) < 1e-5);
             assert_int_equal(m->info.certificate.pass, reference->info.certificate.pass);
             pal_model_free(m);
         }

@@ -1,5 +1,6 @@
-/// Compressed rows: the error they promise, the same bits on every processor, files that survive and
-/// files that lie, and whoever else reads rows: columns, press, engine, both sides of a snapshot.
+/// Compressed rows: the error they promise, the same bits on every processor, files that survive
+/// and files that lie, and whoever else reads rows: columns, press, engine, both sides of a
+/// snapshot.
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -14,12 +15,12 @@
 #include <palpate/engine.h>
 #include <palpate/precompute.h>
 
-#include "haptic/engine.h"
-#include "haptic/field_model.h"
-#include "haptic/model.h"
-#include "src/compress.h"
-#include "src/field_sample.h"
-#include "src/row_clusters.h"
+#include "haptic/engine/engine.h"
+#include "haptic/engine/field_model.h"
+#include "haptic/model/model.h"
+#include "src/store/compress.h"
+#include "src/store/field_sample.h"
+#include "src/store/row_clusters.h"
 #include "tests/support/scene_text.h"
 #include "tests/support/synthetic_model.h"
 
@@ -72,9 +73,9 @@ static float *field_of(const pal_model *m, pal_isa isa, const pal_sample_contact
 
 // ---- Error --------------------------------------------------------------------------------------
 
-/// No column is off by more than the tolerance at any node: far columns by construction, near ones are
-/// stored. On top come the integers: half a step, 2^-16 of a column's largest number, for S, U and D;
-/// coefficients of a cluster of 128 nodes reach sqrt(128) times the displacement.
+/// No column is off by more than the tolerance at any node: far columns by construction, near ones
+/// are stored. On top come the integers: half a step, 2^-16 of a column's largest number, for S, U
+/// and D; coefficients of a cluster of 128 nodes reach sqrt(128) times the displacement.
 static void every_column_is_within_the_tolerance(void **state) {
     (void)state;
     static const double tolerances[] = {1e-1, 1e-2, 1e-3, 1e-4};
@@ -98,10 +99,11 @@ static void every_column_is_within_the_tolerance(void **state) {
             }
             worst = fmax(worst, sqrt(off / size));
         }
-        print_message("tolerance %g: columns off by %.2e at worst, %.0f of %.0f kB, %d clusters, rank %d\n",
-                      tolerances[t], worst, 1e-3 * (double)pal_model_row_bytes(m),
-                      1e-3 * (double)pal_model_row_bytes(exact), (int)m->bases->cluster_count,
-                      (int)m->bases->rank);
+        print_message(
+            "tolerance %g: columns off by %.2e at worst, %.0f of %.0f kB, %d clusters, rank %d\n",
+            tolerances[t], worst, 1e-3 * (double)pal_model_row_bytes(m),
+            1e-3 * (double)pal_model_row_bytes(exact), (int)m->bases->cluster_count,
+            (int)m->bases->rank);
         assert_true(worst <= tolerances[t] + 3e-4);
         free(a);
         free(b);
@@ -208,12 +210,13 @@ static void the_tolerance_holds_on_bodies(void **state) {
         // scenes resolve paths by their own file, which is a temporary one here
         const char *file = strstr(BODIES[k].text, "../shared");
         if (file != NULL && realpath("../shared", here) != NULL) {
-            (void)snprintf(text, sizeof text, "%.*s%s%s", (int)(file - BODIES[k].text), BODIES[k].text,
-                           here, file + strlen("../shared"));
+            (void)snprintf(text, sizeof text, "%.*s%s%s", (int)(file - BODIES[k].text),
+                           BODIES[k].text, here, file + strlen("../shared"));
         } else {
             (void)snprintf(text, sizeof text, "%s", BODIES[k].text);
         }
-        OK(test_scene_load(text, (const char *const[]){"store.precision=double", NULL}, &scene, &error));
+        OK(test_scene_load(text, (const char *const[]){"store.precision=double", NULL}, &scene,
+                           &error));
         OK(pal_precompute(scene, NULL, &exact, &error));
         pal_scene_free(scene);
         for (int t = k == 2; t < (k == 2 ? 3 : 4); t++) { // the liver is the slowest
@@ -230,18 +233,20 @@ static void the_tolerance_holds_on_bodies(void **state) {
             OK(pal_field_sample_make(exact, 77, 64, &other, &error));
             OK(pal_field_sample_error(&other, &copy, &worst, NULL, &error));
             static const char *const precision[] = {"double", "single", "half", "scaled"};
-            print_message("%-10s tolerance %.0e: %s, %6.0f kB, sampled %.1e, other contacts %.1e, %.1f us\n",
-                          BODIES[k].name, tolerances[t],
-                          copy.bases != NULL ? "bases" : precision[copy.info.precision],
-                          1e-3 * (double)pal_model_row_bytes(&copy), copy.info.field_error, worst,
-                          copy.info.field_us);
+            print_message(
+                "%-10s tolerance %.0e: %s, %6.0f kB, sampled %.1e, other contacts %.1e, %.1f us\n",
+                BODIES[k].name, tolerances[t],
+                copy.bases != NULL ? "bases" : precision[copy.info.precision],
+                1e-3 * (double)pal_model_row_bytes(&copy), copy.info.field_error, worst,
+                copy.info.field_us);
             assert_true(worst <= tolerances[t]);
             assert_true(copy.info.field_error <= 0.75 * tolerances[t] && copy.info.field_error > 0);
             assert_true(copy.info.field_tolerance == tolerances[t]);
             // what is more exact than integers of 16 bits is not stored in them
             assert_true(tolerances[t] > 1e-5 || copy.info.precision == PALPATE_PRECISION_SINGLE);
             pal_rows_clear(&copy);
-            if (tolerances[t] >= 1e-3) { // bases too where they are not the cheapest, columns 8 times closer
+            if (tolerances[t] >=
+                1e-3) { // bases too where they are not the cheapest, columns 8 times closer
                 pal_rows bases;
                 OK(pal_rows_compress(exact, tolerances[t] / 8, NULL, &bases, &error));
                 OK(pal_field_sample_error(&other, &bases, &worst, NULL, &error));
@@ -355,7 +360,8 @@ static void frames_hold_the_compressed_field(void **state) {
         def.field_by = by == 0 ? PALPATE_FIELD_BY_SERVO : PALPATE_FIELD_BY_READER;
         OK(pal_engine_create(m, &def, &engine[by], &error));
         for (int k = 0; k < 20; k++) {
-            pal_tool_state in = {.position = {1e-4 * k, 0, 0.006 - 1e-4 * k}, .orientation = {1, 0, 0, 0}};
+            pal_tool_state in = {.position = {1e-4 * k, 0, 0.006 - 1e-4 * k},
+                                 .orientation = {1, 0, 0, 0}};
             pal_tool_force out;
             (void)pal_engine_tick(engine[by], &in, &out);
         }
@@ -403,7 +409,8 @@ static void files_keep_every_bit(void **state) {
     OK(pal_model_parse(image, size, &again, &error));
     const pal_row_bases *a = m->bases, *b = again->bases;
     assert_non_null(b);
-#define SAME(member, count) assert_memory_equal(a->member, b->member, (size_t)(count) * sizeof *a->member)
+#define SAME(member, count)                                                                        \
+    assert_memory_equal(a->member, b->member, (size_t)(count) * sizeof *a->member)
     SAME(cluster_start, a->cluster_count + 1);
     SAME(row_order, m->info.row_count);
     SAME(rank_start, a->cluster_count + 1);
@@ -537,7 +544,8 @@ static void hostile_files_are_refused_or_harmless(void **state) {
         memcpy(bytes, image, size);
         for (int c = 0; c < 1 + k / TABLES % 3; c++) {
             random = random * 6364136223846793005u + 1442695040888963407u;
-            size_t table = (size_t)(k % TABLES), place = (size_t)(random >> 20) % (tables[table].bytes / 4);
+            size_t table = (size_t)(k % TABLES),
+                   place = (size_t)(random >> 20) % (tables[table].bytes / 4);
             int32_t wild = (int32_t)(random >> 32);
             wild = k % 2 ? wild : wild % 64; // also numbers that might pass
             memcpy(bytes + (at[table] - (uint8_t *)image) + 4 * place, &wild, sizeof wild);
@@ -567,7 +575,8 @@ static void splits_are_permutations_of_small_intervals(void **state) {
     (void)state;
     pal_model *m = box(9, 4);
     int32_t n = m->info.row_count;
-    int32_t *index = need(malloc((size_t)n * sizeof *index)), *start = need(malloc((size_t)(n + 1) * sizeof *start));
+    int32_t *index = need(malloc((size_t)n * sizeof *index)),
+            *start = need(malloc((size_t)(n + 1) * sizeof *start));
     uint8_t *seen = need(calloc((size_t)n, 1));
     for (int32_t i = 0; i < n; i++) {
         index[i] = i;

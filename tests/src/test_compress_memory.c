@@ -1,9 +1,9 @@
 /// Every allocation of compressing rows, of writing and of reading them fails once: a clean error,
 /// nothing leaked, the model as it was, and the next time it works.
 ///
-/// The program's allocator is replaced by one that can fail at the n-th call and counts the blocks made
-/// while watching; only calls from this program's own code, not those inside HDF5 or libc. Sanitizers
-/// bring their own allocator: skipped there.
+/// The program's allocator is replaced by one that can fail at the n-th call and counts the blocks
+/// made while watching; only calls from this program's own code, not those inside HDF5 or libc.
+/// Sanitizers bring their own allocator: skipped there.
 #include <errno.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -15,8 +15,8 @@
 
 #include <cmocka.h>
 
-#include "haptic/model.h"
-#include "src/compress.h"
+#include "haptic/model/model.h"
+#include "src/store/compress.h"
 #include "tests/support/synthetic_model.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
@@ -64,7 +64,9 @@ void *calloc(size_t n, size_t m) {
     return !OURS ? __libc_calloc(n, m) : fails() ? NULL : made(__libc_calloc(n, m));
 }
 void *aligned_alloc(size_t alignment, size_t n) {
-    return !OURS ? __libc_memalign(alignment, n) : fails() ? NULL : made(__libc_memalign(alignment, n));
+    return !OURS     ? __libc_memalign(alignment, n)
+           : fails() ? NULL
+                     : made(__libc_memalign(alignment, n));
 }
 void free(void *p) {
     if (OURS && p != NULL) {

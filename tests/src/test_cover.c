@@ -9,8 +9,8 @@
 
 #include <cmocka.h>
 
-#include "src/cover.h"
-#include "src/neighbours.h"
+#include "src/cloud/cover.h"
+#include "src/discretization/neighbours.h"
 
 static uint64_t seed = 5;
 static double uniform(void) {

@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-#include "src/discretization.h"
+#include "src/discretization/discretization.h"
 
 static void make_box(pal_cloud *cloud, int n, double jitter) {
     const double size[3] = {1, 1, 1};

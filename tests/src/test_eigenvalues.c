@@ -9,11 +9,12 @@
 
 #include <cmocka.h>
 
-#include "src/certificate.h"
+#include "src/certificate/certificate.h"
 
 /// Q diag(w) Q^T with Q a Householder reflection: eigenvalues known exactly.
 static double *known_spectrum(int n, const double *w) {
-    double *v = malloc((size_t)n * sizeof *v), *a = malloc((size_t)n * (size_t)n * sizeof *a), vv = 0;
+    double *v = malloc((size_t)n * sizeof *v), *a = malloc((size_t)n * (size_t)n * sizeof *a),
+           vv = 0;
     for (int i = 0; i < n; i++) {
         v[i] = sin(1.7 * i + 0.3);
         vv += v[i] * v[i];
@@ -48,7 +49,8 @@ static void check(int n, double smallest, int expect_positive) {
     int positive = -1;
     assert_int_equal(pal_extreme_eigenvalues(a, n, &lo, &hi, &positive, NULL), PALPATE_OK);
     assert_true(fabs(hi - 3.0) < 3e-6); // Lanczos tolerance 1e-6 relative
-    assert_true(fabs(lo - smallest) < 2e-6 * fmax(fabs(smallest), 1e-3) + (smallest < 0 ? 1e-6 : 0));
+    assert_true(fabs(lo - smallest) <
+                2e-6 * fmax(fabs(smallest), 1e-3) + (smallest < 0 ? 1e-6 : 0));
     assert_int_equal(positive, expect_positive);
     free(a);
     free(w);
@@ -85,7 +87,8 @@ static void reciprocity_and_symmetrizing(void **state) {
     pal_symmetrize(b, N);
     for (int j = 0; j < N; j++) {
         for (int i = 0; i < N; i++) {
-            assert_true(b[j * N + i] == (i == j ? a[j * N + i] : 0.5 * (a[j * N + i] + a[i * N + j])));
+            assert_true(b[j * N + i] ==
+                        (i == j ? a[j * N + i] : 0.5 * (a[j * N + i] + a[i * N + j])));
         }
     }
     free(a);

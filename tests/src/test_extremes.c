@@ -13,25 +13,28 @@
 
 #include <palpate/precompute.h>
 
-#include "haptic/model.h"
+#include "haptic/model/model.h"
 #include "tests/support/scene_text.h"
 
-static const char *const KINDS[] = {"method.kind=cell", "method.kind=galerkin", "method.kind=point"};
+static const char *const KINDS[] = {"method.kind=cell", "method.kind=galerkin",
+                                    "method.kind=point"};
 enum { CELL, GALERKIN, POINT, KIND_COUNT };
 
 /// A unit cube held at its base; the patch is its whole top.
-static const char CUBE[] = "palpate: 1\n"
-                           "body:\n"
-                           "  geometry: {box: {size: [1, 1, 1]}}\n"
-                           "  spacing: 0.25\n"
-                           "  material: {young: 1, poisson: 0.3}\n"
-                           "  fixed: [{below: {z: -0.5}}]\n"
-                           "  patches: {top: {box: {min: [-1, -1, 0.5], max: [1, 1, 0.5]}, rim_spacing: none}}\n"
-                           "  probes: {mid: [0, 0, 0]}\n"
-                           "certify: warn\n"
-                           "store: {displacement: surface, precision: double}\n";
+static const char CUBE[] =
+    "palpate: 1\n"
+    "body:\n"
+    "  geometry: {box: {size: [1, 1, 1]}}\n"
+    "  spacing: 0.25\n"
+    "  material: {young: 1, poisson: 0.3}\n"
+    "  fixed: [{below: {z: -0.5}}]\n"
+    "  patches: {top: {box: {min: [-1, -1, 0.5], max: [1, 1, 0.5]}, rim_spacing: none}}\n"
+    "  probes: {mid: [0, 0, 0]}\n"
+    "certify: warn\n"
+    "store: {displacement: surface, precision: double}\n";
 
-static pal_status build(const char *text, const char *const set[], pal_model **m, pal_error *error) {
+static pal_status build(const char *text, const char *const set[], pal_model **m,
+                        pal_error *error) {
     pal_scene *scene = NULL;
     *m = NULL;
     memset(error, 0, sizeof *error);
@@ -99,8 +102,8 @@ static void every_poisson_ratio_works(void **state) {
             assert_true(force > 0.97 && force < 1.05 * confined); // E A / h = 1; 5 %: coarse cloud
             assert_int_equal(m->info.certificate.pass, 1);
             assert_int_equal(m->info.certificate.passive, 1);
-            // stiffness grows with nu in [0, 0.5) and does not lock: bonded incompressible cubes are
-            // at most twice as stiff as free ones
+            // stiffness grows with nu in [0, 0.5) and does not lock: bonded incompressible cubes
+            // are at most twice as stiff as free ones
             assert_true(nu <= 0.0 || force > last);
             assert_true(force < 2.0);
             last = force;
@@ -108,7 +111,8 @@ static void every_poisson_ratio_works(void **state) {
             pal_model_free(m);
         }
     }
-    // point collocation is not passive everywhere: it says so or passes, but its numbers are numbers
+    // point collocation is not passive everywhere: it says so or passes, but its numbers are
+    // numbers
     for (int i = 0; i < 7; i++) {
         char poisson[60];
         (void)snprintf(poisson, sizeof poisson, "body.material.poisson=%s", ratios[i]);
@@ -145,13 +149,14 @@ static void stiffness_and_size_scale_out(void **state) {
     for (int v = 0; v < 4; v++) {
         double e = young[v / 2], s = sizes[v % 2];
         char text[1000];
-        (void)snprintf(text, sizeof text,
-                       "palpate: 1\nbody:\n"
-                       "  geometry: {box: {size: [%g, %g, %g]}}\n  spacing: %g\n"
-                       "  material: {young: %g, poisson: 0.3}\n  fixed: [{below: {z: %g}}]\n"
-                       "  patches: {top: {box: {min: [%g, %g, %g], max: [%g, %g, %g]}, rim_spacing: none}}\n"
-                       "store: {displacement: surface, precision: half}\n",
-                       s, s, s, 0.25 * s, e, -0.5 * s, -s, -s, 0.5 * s, s, s, 0.5 * s);
+        (void)snprintf(
+            text, sizeof text,
+            "palpate: 1\nbody:\n"
+            "  geometry: {box: {size: [%g, %g, %g]}}\n  spacing: %g\n"
+            "  material: {young: %g, poisson: 0.3}\n  fixed: [{below: {z: %g}}]\n"
+            "  patches: {top: {box: {min: [%g, %g, %g], max: [%g, %g, %g]}, rim_spacing: none}}\n"
+            "store: {displacement: surface, precision: half}\n",
+            s, s, s, 0.25 * s, e, -0.5 * s, -s, -s, 0.5 * s, s, s, 0.5 * s);
         m = must(text, NULL);
         double force = check(m, "top", (const double[3]){s * by[0], s * by[1], s * by[2]});
         assert_true(fabs(force / (e * s * s) / reference - 1.0) < 1e-8);
@@ -163,9 +168,10 @@ static void stiffness_and_size_scale_out(void **state) {
 static void one_touchable_node_and_all_of_them(void **state) {
     (void)state;
     for (int k = 0; k < KIND_COUNT; k++) {
-        pal_model *one = must(CUBE, (const char *const[]){KINDS[k], "body.patches={}",
-                                    "body.touchable=[{ball: {center: [0.5, 0.5, 0.5], radius: 0.01}}]",
-                                    NULL});
+        pal_model *one = must(
+            CUBE, (const char *const[]){
+                      KINDS[k], "body.patches={}",
+                      "body.touchable=[{ball: {center: [0.5, 0.5, 0.5], radius: 0.01}}]", NULL});
         pal_model *all = must(CUBE, (const char *const[]){KINDS[k], "body.patches={}", NULL});
         assert_int_equal(one->info.column_count, 1);
         assert_int_equal(all->info.column_count, all->info.surface_count - all->info.fixed_count);
@@ -206,13 +212,14 @@ static void needles_and_plates(void **state) {
         "store: {displacement: none}\n";
     for (int k = 0; k < POINT; k++) {
         pal_model *m = must(needle, (const char *const[]){KINDS[k], NULL});
-        // pulled by 0.01: E A / L; the tip's end held flat: 12 E I / L^3 (with shear: L^2/12I + 6/5/G)
+        // pulled by 0.01: E A / L; the tip's end held flat: 12 E I / L^3 (with shear: L^2/12I +
+        // 6/5/G)
         double pull = check(m, "tip", (const double[3]){0.01, 0, 0}) / 0.01;
         double bend = check(m, "tip", (const double[3]){0, 0, 0.01}) / 0.01;
         double want = 1.0 / (20.0 * 20.0 * 20.0 + 20.0 * 1.2 * 2.6);
-        print_message("%s needle: %d nodes, pull %.4f, bend %.4f of theory, rcond %.1e, %s\n", KINDS[k],
-                      (int)m->info.node_count, pull * 20.0, bend / want, m->info.certificate.rcond,
-                      m->info.certificate.reason);
+        print_message("%s needle: %d nodes, pull %.4f, bend %.4f of theory, rcond %.1e, %s\n",
+                      KINDS[k], (int)m->info.node_count, pull * 20.0, bend / want,
+                      m->info.certificate.rcond, m->info.certificate.reason);
         assert_int_equal(m->info.certificate.pass, 1);
         assert_true(fabs(pull * 20.0 - 1.0) < 0.03); // clamped ends: 1 to 2 %
         assert_true(fabs(bend / want - 1.0) < 0.15); // two to three nodes across
@@ -252,8 +259,9 @@ static void held_at_three_nodes_or_not_enough(void **state) {
         pal_model_free(m);
         for (int i = 0; i < 4; i++) {
             pal_error error;
-            assert_int_equal(build(CUBE, (const char *const[]){KINDS[k], loose[i], NULL}, &m, &error),
-                             PALPATE_ERROR_SCENE);
+            assert_int_equal(
+                build(CUBE, (const char *const[]){KINDS[k], loose[i], NULL}, &m, &error),
+                PALPATE_ERROR_SCENE);
             assert_null(m);
             assert_non_null(strstr(error.message, "body.fixed"));
         }
@@ -268,11 +276,11 @@ static void nothing_left_to_touch_is_refused(void **state) {
     assert_int_equal(build(CUBE, (const char *const[]){"body.fixed=[all]", NULL}, &m, &error),
                      PALPATE_ERROR_SCENE);
     assert_null(m);
-    assert_int_equal(build(CUBE,
-                           (const char *const[]){"body.patches={}", "body.touchable=[{below: {z: -0.5}}]",
-                                                 NULL},
-                           &m, &error),
-                     PALPATE_ERROR_SCENE);
+    assert_int_equal(
+        build(CUBE,
+              (const char *const[]){"body.patches={}", "body.touchable=[{below: {z: -0.5}}]", NULL},
+              &m, &error),
+        PALPATE_ERROR_SCENE);
     assert_null(m);
 }
 

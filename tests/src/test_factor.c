@@ -10,7 +10,7 @@
 #include <cmocka.h>
 #include <lapacke.h>
 
-#include "src/factor.h"
+#include "src/solution/factor.h"
 
 /// A convection-diffusion operator on an n^3 grid: 7-point Laplacian plus `skew` times a central
 /// difference in x (nonsymmetric with a positive symmetric part), diagonal shifted by `shift`.
@@ -90,7 +90,8 @@ static void solve_and_check(double skew, int positive, int count) {
     for (int c = 0; c < count; c++) {
         // backward stable solves of a matrix of norm 12: a few hundred ulps
         assert_true(residual(&a, x + (size_t)c * n, b + (size_t)c * n) < 1e-13);
-        assert_int_equal(pal_factor_solve_reference(f, &a, 2, b + (size_t)c * n, y, &e), PALPATE_OK);
+        assert_int_equal(pal_factor_solve_reference(f, &a, 2, b + (size_t)c * n, y, &e),
+                         PALPATE_OK);
         for (size_t i = 0; i < n; i++) {
             assert_true(fabs(y[i] - x[(size_t)c * n + i]) < 1e-12);
         }

@@ -11,9 +11,9 @@
 #include <cmocka.h>
 #include <lapacke.h>
 
-#include "src/discretization.h"
-#include "src/factor.h"
-#include "src/galerkin_inf_sup.h"
+#include "src/discretization/discretization.h"
+#include "src/solution/factor.h"
+#include "src/discretization/galerkin_inf_sup.h"
 
 static const double UNIT[3] = {1, 1, 1};
 static const double RATIOS[] = {-0.5, 0.0, 0.3, 0.45, 0.49, 0.499, 0.4999};

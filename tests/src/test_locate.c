@@ -7,8 +7,8 @@
 
 #include <cmocka.h>
 
-#include "src/locate.h"
-#include "src/neighbours.h"
+#include "src/cloud/locate.h"
+#include "src/discretization/neighbours.h"
 
 static void inside_is_one_and_outside_zero(void **state) {
     (void)state;
@@ -55,7 +55,8 @@ static void nearest_triangle_of_the_box_gives_the_distance_to_its_face(void **st
     pal_triangle_ring ring;
     pal_neighbours near;
     assert_int_equal(pal_triangle_ring_build(&box, &ring, NULL), PALPATE_OK);
-    assert_int_equal(pal_neighbours_create(&near, box.position, box.surface_count, NULL), PALPATE_OK);
+    assert_int_equal(pal_neighbours_create(&near, box.position, box.surface_count, NULL),
+                     PALPATE_OK);
     for (int i = 0; i < 50; i++) {
         double x[3] = {0.5 + 0.4 * sin(i), 0.5 + 0.4 * cos(3.0 * i), 1.3}, d, w[3], square[6];
         int32_t node[6];

@@ -1,5 +1,5 @@
-/// Panels and block triangular solves: against a plain sparse substitution, entry by entry in the same
-/// order, in every instruction-set variant: the same bits.
+/// Panels and block triangular solves: against a plain sparse substitution, entry by entry in the
+/// same order, in every instruction-set variant: the same bits.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-#include "src/lu_solve.h"
+#include "src/solution/lu_solve.h"
 
 enum { N = 211, B = PALPATE_LU_BLOCK };
 

@@ -1,6 +1,6 @@
-/// `touchable: all` and other large wishes: memory is predicted from counts before it is asked for, a body
-/// that does not fit is refused by name, one that fits is done within the prediction, and whatever limit
-/// the process has, the answer is a status and a message, never a crash.
+/// `touchable: all` and other large wishes: memory is predicted from counts before it is asked for,
+/// a body that does not fit is refused by name, one that fits is done within the prediction, and
+/// whatever limit the process has, the answer is a status and a message, never a crash.
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,7 +17,7 @@
 
 #include <palpate/precompute.h>
 
-#include "src/memory_plan.h"
+#include "src/solution/memory_plan.h"
 #include "tests/support/scene_text.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
@@ -26,15 +26,17 @@
 #define SANITIZED 0
 #endif
 
-/// A thin plate held at one side, all of its surface touchable: most of its nodes are surface nodes.
-static const char PLATE[] = "palpate: 1\n"
-                            "body:\n"
-                            "  geometry: {box: {size: [0.06, 0.06, 0.006], center: [0, 0, -0.003]}}\n"
-                            "  spacing: 0.003\n"
-                            "  material: {young: 10e3, poisson: 0.4}\n"
-                            "  fixed: [{below: {x: -0.03}}]\n"
-                            "  touchable: all\n"
-                            "estimate: false\n";
+/// A thin plate held at one side, all of its surface touchable: most of its nodes are surface
+/// nodes.
+static const char PLATE[] =
+    "palpate: 1\n"
+    "body:\n"
+    "  geometry: {box: {size: [0.06, 0.06, 0.006], center: [0, 0, -0.003]}}\n"
+    "  spacing: 0.003\n"
+    "  material: {young: 10e3, poisson: 0.4}\n"
+    "  fixed: [{below: {x: -0.03}}]\n"
+    "  touchable: all\n"
+    "estimate: false\n";
 
 static uint64_t address_space(void) {
     unsigned long pages = 0;
@@ -63,8 +65,8 @@ static void limit_to(uint64_t more) {
     }
 }
 
-/// Build the plate in a process of its own, its address space limited (0: not). Fails the test when the
-/// process does not end by itself with an answer.
+/// Build the plate in a process of its own, its address space limited (0: not). Fails the test when
+/// the process does not end by itself with an answer.
 static verdict build(const char *spacing, uint64_t more) {
     verdict v;
     int end[2];
@@ -107,10 +109,14 @@ static verdict build(const char *spacing, uint64_t more) {
 
 static void ten_thousand_touchable_nodes_are_predicted(void **state) {
     (void)state;
-    pal_model_info info = {.node_count = 20000, .column_count = 10000, .row_count = 10000,
-                           .precision = PALPATE_PRECISION_SINGLE, .method = "cell"};
+    pal_model_info info = {.node_count = 20000,
+                           .column_count = 10000,
+                           .row_count = 10000,
+                           .precision = PALPATE_PRECISION_SINGLE,
+                           .method = "cell"};
     double t = 30000.0, s = 30000.0;
-    // C_TT in double, C_ST in single, and the certificate's copy of C_TT: none of them can be missing
+    // C_TT in double, C_ST in single, and the certificate's copy of C_TT: none of them can be
+    // missing
     assert_true((double)pal_memory_plan_blocks(&info) == 8 * t * t + 4 * t * s);
     assert_true((double)pal_memory_plan_peak(&info) >= 16 * t * t + 4 * t * s);
     assert_true((double)pal_memory_plan_peak(&info) < 2.0 * (16 * t * t + 4 * t * s));
@@ -124,13 +130,17 @@ static void what_does_not_fit_is_refused_with_its_counts(void **state) {
     pid_t child = fork();
     assert_true(child >= 0);
     if (child == 0) {
-        pal_model_info info = {.node_count = 20000, .column_count = 10000, .row_count = 10000,
-                               .precision = PALPATE_PRECISION_SINGLE, .method = "cell"};
+        pal_model_info info = {.node_count = 20000,
+                               .column_count = 10000,
+                               .row_count = 10000,
+                               .precision = PALPATE_PRECISION_SINGLE,
+                               .method = "cell"};
         pal_error error = {0};
         limit_to(4000000000u);
         int ok = pal_memory_plan_check(&info, &error) == PALPATE_ERROR_MEMORY &&
                  strstr(error.message, "10000 touchable nodes") != NULL &&
-                 strstr(error.message, "20000 nodes") != NULL && strstr(error.message, "body.touchable") != NULL;
+                 strstr(error.message, "20000 nodes") != NULL &&
+                 strstr(error.message, "body.touchable") != NULL;
         _exit(ok ? 0 : 1);
     }
     int how = 0;
@@ -151,10 +161,12 @@ static void what_fits_is_done_within_its_prediction(void **state) {
     if (SANITIZED) {
         return;
     }
-    // given what it predicted, and the address space that OpenBLAS and threads reserve per core, it is done;
-    // given half of the blocks it is refused (and does not wait for ever, as OpenBLAS would)
+    // given what it predicted, and the address space that OpenBLAS and threads reserve per core, it
+    // is done; given half of the blocks it is refused (and does not wait for ever, as OpenBLAS
+    // would)
     uint64_t reserve = (uint64_t)sysconf(_SC_NPROCESSORS_ONLN) * (uint64_t)(200 << 20);
-    assert_int_equal(build("body.spacing=0.003", v.predicted + reserve + (64u << 20)).status, PALPATE_OK);
+    assert_int_equal(build("body.spacing=0.003", v.predicted + reserve + (64u << 20)).status,
+                     PALPATE_OK);
     verdict refused = build("body.spacing=0.003", v.bytes / 2);
     assert_int_not_equal(refused.status, PALPATE_OK);
     assert_true(strlen(refused.message) > 20);

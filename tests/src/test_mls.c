@@ -10,7 +10,7 @@
 
 #include <cmocka.h>
 
-#include "src/mls.h"
+#include "src/discretization/mls.h"
 
 /// ---- Clouds: 7 x 7 x 7 nodes of unit spacing -----------------------------------------------
 

@@ -10,7 +10,7 @@
 
 #include <cmocka.h>
 
-#include "src/mls.h"
+#include "src/discretization/mls.h"
 
 __extension__ typedef __float128 quad;
 

@@ -13,8 +13,8 @@
 
 #include <cmocka.h>
 
-#include "haptic/model.h"
-#include "src/model_cache.h"
+#include "haptic/model/model.h"
+#include "src/store/model_cache.h"
 #include "tests/support/synthetic_model.h"
 
 #include <palpate/precompute.h>

@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-#include "src/neighbours.h"
+#include "src/discretization/neighbours.h"
 
 typedef struct entry {
     double d2;

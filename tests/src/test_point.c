@@ -9,8 +9,8 @@
 
 #include <cmocka.h>
 
-#include "src/factor.h"
-#include "src/method_point.h"
+#include "src/solution/factor.h"
+#include "src/discretization/method_point.h"
 
 /// ---- Fields: displacement, gradient g[c][i] = d_i u_c, second derivatives ------------------
 

@@ -1,14 +1,16 @@
-/// The fault table (tests/README.md), row of allocations, offline: every allocation of the stages after
-/// the cloud fails once, for each method: of Palpate's own code and of SuiteSparse on its behalf. A clean
-/// error, nothing leaked, or the same model where something does without. Then the whole stage, cloud,
-/// mesher process, second cloud and cache file included, with failures sampled over its length: no partial file.
-/// (Loading a scene, building a cloud, saving and loading a model, a session: tests of their own.)
+/// The fault table (tests/README.md), row of allocations, offline: every allocation of the stages
+/// after the cloud fails once, for each method: of Palpate's own code and of SuiteSparse on its
+/// behalf. A clean error, nothing leaked, or the same model where something does without. Then the
+/// whole stage, cloud, mesher process, second cloud and cache file included, with failures sampled
+/// over its length: no partial file. (Loading a scene, building a cloud, saving and loading a
+/// model, a session: tests of their own.)
 ///
-/// The allocator is replaced by one that counts calls from our code and from SuiteSparse and ARPACK; those
-/// inside OpenBLAS, Assimp and the C library's threads are let through, and those of METIS, which crashes
-/// without memory (CHOLMOD asks for its room beforehand, and does without METIS when there is none).
-/// Blocks that UMFPACK itself forgets when its ordering fails are told apart from ours by who asked for
-/// them: ours must be none. Sanitizers bring their own allocator: skipped there.
+/// The allocator is replaced by one that counts calls from our code and from SuiteSparse and
+/// ARPACK; those inside OpenBLAS, Assimp and the C library's threads are let through, and those of
+/// METIS, which crashes without memory (CHOLMOD asks for its room beforehand, and does without
+/// METIS when there is none). Blocks that UMFPACK itself forgets when its ordering fails are told
+/// apart from ours by who asked for them: ours must be none. Sanitizers bring their own allocator:
+/// skipped there.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -29,10 +31,10 @@
 
 #include <palpate/precompute.h>
 
-#include "haptic/model.h"
-#include "src/cloud.h"
+#include "haptic/model/model.h"
+#include "src/cloud/cloud.h"
 #include "src/precompute.h"
-#include "src/skin.h"
+#include "src/cloud/skin.h"
 #include "tests/support/scene_text.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
@@ -45,9 +47,9 @@ enum { LIVE_MAX = 1 << 16, OBJECTS_MAX = 64 };
 
 static atomic_flag lock = ATOMIC_FLAG_INIT;
 static volatile int watching;
-static volatile long calls;   ///< counted calls since the watch began
-static volatile long fail_at; ///< this one fails; 0: none
-static void *live[LIVE_MAX];  ///< counted blocks not yet freed; (void *)live: deleted
+static volatile long calls;    ///< counted calls since the watch began
+static volatile long fail_at;  ///< this one fails; 0: none
+static void *live[LIVE_MAX];   ///< counted blocks not yet freed; (void *)live: deleted
 static char is_ours[LIVE_MAX]; ///< asked for by our code, not by a library
 static volatile int overflow;
 
@@ -102,7 +104,7 @@ static void forget(const void *p) {
 
 /// 2: our code, 1: a library that counts, 0: another.
 static int is_counted_object(const char *name, const void *base, const void *own) {
-    static const char *const counted[] = {"cholmod", "umfpack", "libamd", "colamd",
+    static const char *const counted[] = {"cholmod", "umfpack",     "libamd", "colamd",
                                           "camd",    "suitesparse", "arpack"};
     if (base == own) {
         return 2;
@@ -196,7 +198,8 @@ void free(void *p) {
 }
 #endif
 
-/// Our blocks that are left; all are forgotten. @param[out] library  those of libraries, may be NULL
+/// Our blocks that are left; all are forgotten. @param[out] library  those of libraries, may be
+/// NULL
 static int leaked(int *library) {
     int n = 0, theirs = 0;
     for (int i = 0; i < LIVE_MAX; i++) {
@@ -211,19 +214,21 @@ static int leaked(int *library) {
     return n;
 }
 
-// ---- A small scene --------------------------------------------------------------------------------
+// ---- A small scene
+// --------------------------------------------------------------------------------
 
-static const char text[] = "palpate: 1\n"
-                           "body:\n"
-                           "  geometry: {box: {size: [0.04, 0.04, 0.02]}}\n"
-                           "  spacing: 0.01\n"
-                           "  material: {young: 10e3, poisson: 0.45}\n"
-                           "  fixed: [{below: {z: -0.01}}]\n"
-                           "  touchable: [{above: {z: 0.01}}]\n"
-                           "  patches: {top: {box: {min: [-0.011, -0.011, 0.009], max: [0.011, 0.011, 0.011]}, "
-                           "rim_spacing: none}}\n"
-                           "  probes: {mid: [0.001, 0.002, 0.0]}\n"
-                           "certify: warn\n";
+static const char text[] =
+    "palpate: 1\n"
+    "body:\n"
+    "  geometry: {box: {size: [0.04, 0.04, 0.02]}}\n"
+    "  spacing: 0.01\n"
+    "  material: {young: 10e3, poisson: 0.45}\n"
+    "  fixed: [{below: {z: -0.01}}]\n"
+    "  touchable: [{above: {z: 0.01}}]\n"
+    "  patches: {top: {box: {min: [-0.011, -0.011, 0.009], max: [0.011, 0.011, 0.011]}, "
+    "rim_spacing: none}}\n"
+    "  probes: {mid: [0.001, 0.002, 0.0]}\n"
+    "certify: warn\n";
 
 static pal_scene *scene_of(const char *const set[]) {
     pal_scene *scene = NULL;
@@ -285,8 +290,8 @@ static pal_status attempt(const char *const set[], long n, pal_model **model, pa
     return status;
 }
 
-/// CHOLMOD that cannot order by METIS orders by AMD: other rounding, magnified by the matrix's condition
-/// number (up to about 1e6 here, point collocation).
+/// CHOLMOD that cannot order by METIS orders by AMD: other rounding, magnified by the matrix's
+/// condition number (up to about 1e6 here, point collocation).
 static void expect_same(const double *a, const double *b, size_t count) {
     double largest = 0.0, off = 0.0;
     for (size_t i = 0; i < count; i++) {
@@ -332,8 +337,8 @@ static void every_allocation_of_every_method_fails_once(void **state) {
             } else {
                 failures++;
                 if (status != PALPATE_ERROR_MEMORY || error.message[0] == 0) {
-                    fail_msg("%s, allocation %ld: %s: '%s'", set[k][0], n + 1, pal_status_name(status),
-                             error.message);
+                    fail_msg("%s, allocation %ld: %s: '%s'", set[k][0], n + 1,
+                             pal_status_name(status), error.message);
                 }
             }
             int theirs = 0, lost = leaked(&theirs);
@@ -345,14 +350,16 @@ static void every_allocation_of_every_method_fails_once(void **state) {
         }
         pal_model_free(whole);
         (void)leaked(NULL);
-        print_message("# %s: %ld allocations failed, %ld did without; libraries forgot %ld blocks of theirs\n",
+        print_message("# %s: %ld allocations failed, %ld did without; libraries forgot %ld blocks "
+                      "of theirs\n",
                       set[k][0], failures, done_without, forgotten);
         assert_true(forgotten <= 32); // UMFPACK: a few in the failure of its ordering, none else
         assert_true(failures > 100);
     }
 }
 
-// ---- The whole stage, through the cache -------------------------------------------------------------
+// ---- The whole stage, through the cache
+// -------------------------------------------------------------
 
 /// Entries of a directory, hidden ones included, and how many of them are loadable models.
 static int entries(const char *directory, int *good) {
@@ -391,8 +398,8 @@ static void no_failure_leaves_a_partial_file(void **state) {
     (void)leaked(NULL);
     long total = 0;
     int failed = 0, uncached = 0;
-    // the first is whole and counts; then 14 places over its length and the last 14, where the file is
-    // written
+    // the first is whole and counts; then 14 places over its length and the last 14, where the file
+    // is written
     for (int k = 0; k <= 28; k++) {
         pal_scene *scene = scene_of(NULL);
         pal_model *model = NULL;
@@ -420,11 +427,13 @@ static void no_failure_leaves_a_partial_file(void **state) {
         pal_scene_free(scene);
         int lost = leaked(NULL);
         if (lost != 0 || overflow) {
-            fail_msg("allocation %ld of %ld: %d blocks leaked (%s)", fail_at, total, lost, error.message);
+            fail_msg("allocation %ld of %ld: %d blocks leaked (%s)", fail_at, total, lost,
+                     error.message);
         }
     }
-    print_message("# %ld allocations in all; of 28 sampled %d failed cleanly, %d built without the cache\n",
-                  total, failed, uncached);
+    print_message(
+        "# %ld allocations in all; of 28 sampled %d failed cleanly, %d built without the cache\n",
+        total, failed, uncached);
     assert_true(failed >= 8 && uncached >= 1);
     if (kept[0] != 0) {
         assert_int_equal(setenv("PALPATE_CACHE", kept, 1), 0);

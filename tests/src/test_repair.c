@@ -10,9 +10,9 @@
 #include <cmocka.h>
 #include <lapacke.h>
 
-#include "src/certificate.h"
-#include "src/contact_stiffness.h"
-#include "src/repair.h"
+#include "src/certificate/certificate.h"
+#include "src/certificate/contact_stiffness.h"
+#include "src/certificate/repair.h"
 
 static void closed_paths_return_the_skew_part(void **state) {
     (void)state;
@@ -96,7 +96,8 @@ static void clipping_gives_the_nearest_positive_block(void **state) {
     for (int i = 0; i < N * N; i++) {
         off += (c[i] - sym[i]) * (c[i] - sym[i]);
     }
-    assert_true(fabs(off - expect) < 1e-10); // no symmetric block with that floor is nearer (Higham 1988)
+    assert_true(fabs(off - expect) <
+                1e-10); // no symmetric block with that floor is nearer (Higham 1988)
     int positive = 0;
     assert_true(pal_reciprocity_error(c, N) == 0.0);
     assert_int_equal(pal_extreme_eigenvalues(c, N, &lo, &hi, &positive, NULL), PALPATE_OK);
@@ -107,7 +108,8 @@ static void clipping_gives_the_nearest_positive_block(void **state) {
     assert_memory_equal(sym, c, sizeof *c * N * N);
     assert_true(change == 0.0);
     pal_error e = {0};
-    assert_int_equal(pal_repair_positive(c, PALPATE_REPAIR_MAX + 1, 1e-3, &change, &e), PALPATE_ERROR_UNSUPPORTED);
+    assert_int_equal(pal_repair_positive(c, PALPATE_REPAIR_MAX + 1, 1e-3, &change, &e),
+                     PALPATE_ERROR_UNSUPPORTED);
     assert_non_null(strstr(e.message, "repair: symmetrize"));
     for (int i = 0; i < N * N; i++) {
         c[i] = -(i % (N + 1) == 0);

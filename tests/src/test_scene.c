@@ -11,7 +11,7 @@
 
 #include <cmocka.h>
 
-#include "src/scene.h"
+#include "src/scene/scene.h"
 #include "tests/support/scene_text.h"
 
 static const char *const EXAMPLE =
@@ -355,8 +355,7 @@ static const char *const SELECTOR_PLACES[][2] = {
 };
 
 /// Not built yet, or with one value only.
-static const char *const EXEMPT[] = {"palpate",
-                                     "method.integration"};
+static const char *const EXEMPT[] = {"palpate", "method.integration"};
 
 static int differ(const char *a, const char *b) {
     const char *set_a[] = {a, NULL};
@@ -374,28 +373,26 @@ static int differ(const char *a, const char *b) {
     for (int i = 0; i < one->runtime.tool_count && i < two->runtime.tool_count; i++) {
         const pal_tool_def *t = &one->runtime.tools[i];
         const pal_tool_def *u = &two->runtime.tools[i];
-        differs |= strcmp(t->name, u->name) != 0 || t->shape != u->shape ||
-                   t->radius != u->radius || t->length != u->length ||
-                   t->device.kind != u->device.kind ||
-                   memcmp(&t->limits, &u->limits, sizeof t->limits) != 0 ||
-                   t->friction != u->friction ||
-                   t->coupling_stiffness != u->coupling_stiffness ||
-                   t->coupling_damping != u->coupling_damping ||
-                   memcmp(&t->spec, &u->spec, sizeof t->spec) != 0 ||
-                   memcmp(t->start, u->start, sizeof t->start) != 0 ||
-                   memcmp(t->axis, u->axis, sizeof t->axis) != 0 ||
-                   memcmp(&t->device.stroke, &u->device.stroke, sizeof t->device.stroke) != 0 ||
-                   memcmp(&t->device.simulated, &u->device.simulated,
-                          sizeof t->device.simulated) != 0;
+        differs |=
+            strcmp(t->name, u->name) != 0 || t->shape != u->shape || t->radius != u->radius ||
+            t->length != u->length || t->device.kind != u->device.kind ||
+            memcmp(&t->limits, &u->limits, sizeof t->limits) != 0 || t->friction != u->friction ||
+            t->coupling_stiffness != u->coupling_stiffness ||
+            t->coupling_damping != u->coupling_damping ||
+            memcmp(&t->spec, &u->spec, sizeof t->spec) != 0 ||
+            memcmp(t->start, u->start, sizeof t->start) != 0 ||
+            memcmp(t->axis, u->axis, sizeof t->axis) != 0 ||
+            memcmp(&t->device.stroke, &u->device.stroke, sizeof t->device.stroke) != 0 ||
+            memcmp(&t->device.simulated, &u->device.simulated, sizeof t->device.simulated) != 0;
     }
-    differs |= one->runtime.servo_rate != two->runtime.servo_rate ||
-               one->runtime.render_rate != two->runtime.render_rate ||
-               one->runtime.field_by != two->runtime.field_by ||
-               one->runtime.max_contacts != two->runtime.max_contacts ||
-               memcmp(&one->runtime.watchdog, &two->runtime.watchdog,
-                      sizeof one->runtime.watchdog) != 0 ||
-               one->runtime.contact_law != two->runtime.contact_law ||
-               one->runtime.contact_points != two->runtime.contact_points;
+    differs |=
+        one->runtime.servo_rate != two->runtime.servo_rate ||
+        one->runtime.render_rate != two->runtime.render_rate ||
+        one->runtime.field_by != two->runtime.field_by ||
+        one->runtime.max_contacts != two->runtime.max_contacts ||
+        memcmp(&one->runtime.watchdog, &two->runtime.watchdog, sizeof one->runtime.watchdog) != 0 ||
+        one->runtime.contact_law != two->runtime.contact_law ||
+        one->runtime.contact_points != two->runtime.contact_points;
     pal_scene_free(one);
     pal_scene_free(two);
     return differs;

@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-#include "src/scene_check.h"
+#include "src/cloud/scene_check.h"
 #include "tests/support/scene_text.h"
 
 /// A 0.1 m cube at the origin's corner: 5 x 5 nodes a face at 0, 0.025, ... 0.1.

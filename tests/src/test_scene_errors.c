@@ -12,7 +12,7 @@
 
 #include <cmocka.h>
 
-#include "src/scene.h"
+#include "src/scene/scene.h"
 #include "tests/support/scene_text.h"
 
 /// A good scene; each case replaces one of its lines.
@@ -232,14 +232,15 @@ static const bad CASES[] = {
      "11:35: tools[0].device_spec.max_force: found 0; allowed: a number in N", "more than 0"},
     {12, "watchdog: {stale: none}", "12:19: watchdog.stale: found none; allowed: a number in s",
      "0.001 to 1"},
-    {12, "watchdog: {latch: 0.05}", "12:11: watchdog.latch: found a time shorter than stale or stall",
-     "raise"},
+    {12, "watchdog: {latch: 0.05}",
+     "12:11: watchdog.latch: found a time shorter than stale or stall", "raise"},
     {11, "tools: [{device: {}}]", "11:18: tools[0].device: found nothing; allowed: one of replay",
      "add one"},
     {11, "tools: [{device: {scripted: {depth: 0.01}}}]",
      "11:29: tools[0].device.scripted: found a scripted device, but no start", "start: [x, y, z]"},
     {11, "tools: [{device: {simulated: {}}}]",
-     "11:30: tools[0].device.simulated: found a simulated device, but no start", "start: [x, y, z]"},
+     "11:30: tools[0].device.simulated: found a simulated device, but no start",
+     "start: [x, y, z]"},
     {11, "tools: [{start: [0, 0, 1], device: {simulated: {mass: 0}}}]",
      "11:55: tools[0].device.simulated.mass: found 0; allowed: a number in kg, 0.001 to 100", ""},
     {11, "tools: [{start: [0, 0, 1], device: {simulated: {hand: {grip: tight}}}}]",

@@ -15,7 +15,7 @@
 
 #include <cmocka.h>
 
-#include "src/scene_check.h"
+#include "src/cloud/scene_check.h"
 #include "tests/support/scene_text.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

@@ -12,8 +12,8 @@
 
 #include <cmocka.h>
 
-#include "src/scene_check.h"
-#include "src/scene_size.h"
+#include "src/cloud/scene_check.h"
+#include "src/scene/scene_size.h"
 
 static void shipped(const char *name, char *path, size_t size) {
     const char *source = getenv("PALPATE_SOURCE");
@@ -96,7 +96,8 @@ static void an_absurd_spacing_on_a_surface_file_is_refused(void **state) {
     shipped("organ.yaml", path, sizeof path);
     assert_int_equal(pal_scene_load(path, set, 1, &scene, &error), PALPATE_OK);
     assert_int_equal(pal_cloud_build(scene, NULL, &cloud, NULL, &error), PALPATE_ERROR_SCENE);
-    assert_non_null(strstr(error.message, "--set body.spacing=0.0005: body.spacing: found 0.0005 m"));
+    assert_non_null(
+        strstr(error.message, "--set body.spacing=0.0005: body.spacing: found 0.0005 m"));
     assert_non_null(strstr(error.message, "allowed: at most 200000 nodes"));
     pal_scene_free(scene);
     pal_cloud_clear(&cloud);

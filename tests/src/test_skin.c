@@ -17,9 +17,9 @@
 #include <palpate/engine.h>
 #include <palpate/precompute.h>
 
-#include "haptic/model.h"
-#include "src/skin.h"
-#include "src/surface.h"
+#include "haptic/model/model.h"
+#include "src/cloud/skin.h"
+#include "src/geometry/surface.h"
 #include "tests/support/scene_text.h"
 #include "tests/support/surfaces.h"
 

@@ -8,7 +8,7 @@
 
 #include <cmocka.h>
 
-#include "src/sparse.h"
+#include "src/discretization/sparse.h"
 
 static uint64_t next(uint64_t *s) {
     *s = *s * 6364136223846793005u + 1442695040888963407u;

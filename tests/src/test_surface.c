@@ -1,4 +1,5 @@
-/// Surface files: formats, welding, every refusal with its message, repairs, and triangle crossings.
+/// Surface files: formats, welding, every refusal with its message, repairs, and triangle
+/// crossings.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -11,8 +12,8 @@
 
 #include <cmocka.h>
 
-#include "src/surface.h"
-#include "src/triangle_cross.h"
+#include "src/geometry/surface.h"
+#include "src/geometry/triangle_cross.h"
 #include "tests/support/surfaces.h"
 
 static void check(const char *path, double unit, pal_status status, const char *const *words) {
@@ -107,8 +108,9 @@ static void open_surfaces_are_refused_with_the_place(void **state) {
     t.triangle_count--;
     test_surface_write(&t, "obj", path);
     check(path, 0.001, PALPATE_ERROR_GEOMETRY,
-          (const char *const[]){"the surface is open: 3 edges have only one triangle, at (", "m: close the holes",
-                                "0.000353553", NULL}); // metres: the file is in millimetres
+          (const char *const[]){"the surface is open: 3 edges have only one triangle, at (",
+                                "m: close the holes", "0.000353553",
+                                NULL}); // metres: the file is in millimetres
 }
 
 static void non_manifold_surfaces_are_refused(void **state) {
@@ -124,7 +126,8 @@ static void non_manifold_surfaces_are_refused(void **state) {
     test_surface_cube(&t, 0.0, 0.0, 0.0);
     test_surface_cube_more(&t, 1.0, 1.0, 1.0);
     test_surface_write(&t, "stl", path);
-    REFUSED(path, "not a manifold: 1 vertex where two parts of it touch in a point, at (1, 1, 1) m");
+    REFUSED(path,
+            "not a manifold: 1 vertex where two parts of it touch in a point, at (1, 1, 1) m");
 }
 
 static void separate_parts_are_refused(void **state) {
@@ -176,7 +179,8 @@ static void degenerate_and_flat_surfaces_are_refused(void **state) {
     test_surface_write(&t, "obj", path);
     REFUSED(path, "20 edges are shared by more than two triangles"); // the halves coincide
     test_surface_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0.3 0.3 0\n"
-                      "f 1 2 4\nf 2 3 4\nf 3 1 4\nf 1 3 2\n", "obj", path);
+                      "f 1 2 4\nf 2 3 4\nf 3 1 4\nf 1 3 2\n",
+                      "obj", path);
     REFUSED(path, "encloses no volume", "flat or folded");
     test_surface_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "obj", path);
     REFUSED(path, "too few to close a body");
@@ -188,7 +192,8 @@ static double volume_of(const pal_surface *s) {
         const double *a = s->x + 3 * s->v[3 * t], *b = s->x + 3 * s->v[3 * t + 1],
                      *c = s->x + 3 * s->v[3 * t + 2];
         sum += (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
-                a[2] * (b[0] * c[1] - b[1] * c[0])) / 6.0;
+                a[2] * (b[0] * c[1] - b[1] * c[0])) /
+               6.0;
     }
     return sum;
 }
@@ -223,7 +228,8 @@ static void one_sided_surfaces_are_refused(void **state) {
     // the smallest projective plane: six vertices, ten triangles, every edge shared by two
     static const int32_t v[10][3] = {{0, 1, 2}, {0, 2, 3}, {0, 3, 4}, {0, 4, 5}, {0, 5, 1},
                                      {1, 2, 4}, {2, 3, 5}, {3, 4, 1}, {4, 5, 2}, {5, 1, 3}};
-    static const double x[18] = {0, 0, 0, 1, 0, 0.1, 0, 1, 0.2, 0.3, 0.1, 1, 1, 1, 0.4, 0.2, 0.9, 1.1};
+    static const double x[18] = {0,   0,   0, 1, 0, 0.1, 0,   1,   0.2,
+                                 0.3, 0.1, 1, 1, 1, 0.4, 0.2, 0.9, 1.1};
     pal_surface s = {6, 10, malloc(sizeof x), malloc(sizeof v)};
     pal_error e = {0};
     assert_non_null(s.x);
@@ -238,25 +244,25 @@ static void one_sided_surfaces_are_refused(void **state) {
 static void crossings_are_exact(void **state) {
     (void)state;
     // triangle 0 1 2 in z = 0; others against it
-    static const double x[] = {0, 0, 0,    4, 0, 0,    0, 4, 0,    // 0 1 2
-                               1, 1, -1,   1, 1, 1,    5, 5, 0,    // 3 4 5: pierces
-                               1, 1, 1e-7, 2, 1, 1,    1, 2, 1,    // 6 7 8: hovers above
-                               1, 1, 0,    2, 1, 0,    1, 2, 0,    // 9 10 11: coplanar, inside
-                               5, 5, 0,    6, 5, 0,    5, 6, 0,    // 12 13 14: coplanar, beside
-                               2, 2, 0,    3, 3, 1,    3, 3, -1,   // 15 16 17: touches the long edge
-                               2, -1, 0};                          // 18: beyond edge 0 1
+    static const double x[] = {0, 0,  0,    4, 0, 0, 0, 4, 0,  // 0 1 2
+                               1, 1,  -1,   1, 1, 1, 5, 5, 0,  // 3 4 5: pierces
+                               1, 1,  1e-7, 2, 1, 1, 1, 2, 1,  // 6 7 8: hovers above
+                               1, 1,  0,    2, 1, 0, 1, 2, 0,  // 9 10 11: coplanar, inside
+                               5, 5,  0,    6, 5, 0, 5, 6, 0,  // 12 13 14: coplanar, beside
+                               2, 2,  0,    3, 3, 1, 3, 3, -1, // 15 16 17: touches the long edge
+                               2, -1, 0};                      // 18: beyond edge 0 1
     static const struct {
         int32_t b[3];
         int crosses;
     } pair[] = {
-        {{3, 4, 5}, 1}, {{6, 7, 8}, 0}, {{9, 10, 11}, 1}, {{12, 13, 14}, 0}, {{15, 16, 17}, 1},
-        {{0, 3, 4}, 1},   // shares a corner, pierces
-        {{0, 7, 8}, 0},   // shares a corner, leans away
-        {{0, 10, 11}, 1}, // shares a corner, lies in it
-        {{1, 0, 18}, 0},  // the neighbour over an edge
-        {{1, 0, 9}, 1},   // folded back onto it
-        {{1, 0, 8}, 0},   // folded up
-        {{2, 0, 1}, 1},   // the same triangle
+        {{3, 4, 5}, 1},    {{6, 7, 8}, 0},    {{9, 10, 11}, 1},
+        {{12, 13, 14}, 0}, {{15, 16, 17}, 1}, {{0, 3, 4}, 1}, // shares a corner, pierces
+        {{0, 7, 8}, 0},                                       // shares a corner, leans away
+        {{0, 10, 11}, 1},                                     // shares a corner, lies in it
+        {{1, 0, 18}, 0},                                      // the neighbour over an edge
+        {{1, 0, 9}, 1},                                       // folded back onto it
+        {{1, 0, 8}, 0},                                       // folded up
+        {{2, 0, 1}, 1},                                       // the same triangle
     };
     const int32_t a[3] = {0, 1, 2};
     for (size_t i = 0; i < sizeof pair / sizeof pair[0]; i++) {

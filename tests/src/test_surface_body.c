@@ -1,5 +1,6 @@
-/// Bodies from surface files: sharp edges kept, rims on the input surface, the same bits at any scale,
-/// volume and distance held, the input's own triangles as a fallback, and the reference liver.
+/// Bodies from surface files: sharp edges kept, rims on the input surface, the same bits at any
+/// scale, volume and distance held, the input's own triangles as a fallback, and the reference
+/// liver.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -12,9 +13,9 @@
 
 #include <cmocka.h>
 
-#include "src/bvh.h"
-#include "src/cloud.h"
-#include "src/skin.h"
+#include "src/geometry/bvh.h"
+#include "src/cloud/cloud.h"
+#include "src/cloud/skin.h"
 #include "tests/support/clouds.h"
 #include "tests/support/surfaces.h"
 
@@ -71,11 +72,12 @@ static void a_cube_keeps_its_edges_and_corners(void **state) {
 
 static void a_curve_that_turns_sharply_keeps_its_corner(void **state) {
     (void)state;
-    // a flat pyramid: the base's edges are sharp, the four others are not, so the base's corners lie
-    // on one closed curve
+    // a flat pyramid: the base's edges are sharp, the four others are not, so the base's corners
+    // lie on one closed curve
     char path[64];
     test_surface_text("v 0 0 0\nv 1 0 0\nv 1 0.6 0\nv 0 0.6 0\nv 0.5 0.3 0.2\n"
-                      "f 1 3 2\nf 1 4 3\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n", "obj", path);
+                      "f 1 3 2\nf 1 4 3\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n",
+                      "obj", path);
     test_scene t;
     file_scene(&t, path, 1.0, 0.09);
     pal_cloud c = build(&t, NULL);
@@ -119,8 +121,9 @@ static void a_sphere_file_has_its_rim_and_the_same_bits_at_any_scale(void **stat
         for (int32_t k = 0; k < 3 * skin.vertex_count; k++) {
             skin.position[k] /= c.length;
         }
-        assert_int_equal(pal_bvh_build(&tree, skin.position, skin.triangle, skin.triangle_count, NULL),
-                         PALPATE_OK);
+        assert_int_equal(
+            pal_bvh_build(&tree, skin.position, skin.triangle, skin.triangle_count, NULL),
+            PALPATE_OK);
         int32_t on = 0, crossing = 0;
         for (int32_t k = 0; k < c.surface_count; k++) {
             double distance;
@@ -154,7 +157,8 @@ static void a_sphere_file_has_its_rim_and_the_same_bits_at_any_scale(void **stat
         } else {
             assert_int_equal(c.node_count, first.node_count);
             assert_int_equal(c.tet_count, first.tet_count);
-            assert_memory_equal(c.position, first.position, 3 * (size_t)c.node_count * sizeof(double));
+            assert_memory_equal(c.position, first.position,
+                                3 * (size_t)c.node_count * sizeof(double));
             assert_memory_equal(c.tet, first.tet, 4 * (size_t)c.tet_count * sizeof(int32_t));
             pal_cloud_clear(&c);
         }

@@ -15,7 +15,7 @@
 
 #include <cmocka.h>
 
-#include "src/reader_client.h"
+#include "src/geometry/reader_client.h"
 #include "tests/support/surfaces.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
@@ -114,9 +114,10 @@ static void memory_is_bounded(void **state) {
     (void)close(fd);
     (void)unlink(path);
     int64_t size;
-    fd = opened("ply\nformat binary_little_endian 1.0\nelement vertex 2000000000\nproperty float x\n"
-                "property float y\nproperty float z\nend_header\n0123456789",
-                "ply", &size);
+    fd =
+        opened("ply\nformat binary_little_endian 1.0\nelement vertex 2000000000\nproperty float x\n"
+               "property float y\nproperty float z\nend_header\n0123456789",
+               "ply", &size);
     assert_int_equal(pal_reader_import(fd, size, PALPATE_READER_PLY, 0, &enough, &s, &e),
                      PALPATE_ERROR_IO);
     (void)close(fd);
@@ -125,7 +126,8 @@ static void memory_is_bounded(void **state) {
 static void files_that_lie_about_their_size_are_refused(void **state) {
     (void)state;
     char path[64];
-    test_surface_text("ply\nformat ascii 1.0\nelement vertex 4000000000\nend_header\n", "ply", path);
+    test_surface_text("ply\nformat ascii 1.0\nelement vertex 4000000000\nend_header\n", "ply",
+                      path);
     REFUSED(path, PALPATE_ERROR_IO, path, "announces more elements than the file can hold");
     (void)unlink(path);
     test_surface_text("v 0 0 0\n", "obj", path);
@@ -196,7 +198,8 @@ static pal_status hear(const pal_reader_reply *reply, const double *x, size_t nx
     static const pal_helper_kind nobody = {"palpate-reader", "NOBODY"};
     int pair[2];
     assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM, 0, pair), 0);
-    pal_helper h = {.kind = &nobody, .child = -1, .channel = pair[0], .log = -1, .deadline_ns = INT64_MAX};
+    pal_helper h = {
+        .kind = &nobody, .child = -1, .channel = pair[0], .log = -1, .deadline_ns = INT64_MAX};
     const pal_reader_request request = {.magic = PALPATE_READER_MAGIC, .file_bytes = 1000};
     assert_int_equal(write(pair[1], reply, sizeof *reply), (ssize_t)sizeof *reply);
     assert_int_equal(write(pair[1], x, nx * sizeof *x), (ssize_t)(nx * sizeof *x));
@@ -249,14 +252,16 @@ static void a_lying_answer_is_not_believed(void **state) {
 
 /// The definition, in n^2 steps: in the order of x (then number), each vertex joins the first that
 /// is near and stands for itself.
-static void twins_by_definition(const pal_surface *s, const int32_t *order, double reach, int32_t *same) {
+static void twins_by_definition(const pal_surface *s, const int32_t *order, double reach,
+                                int32_t *same) {
     for (int32_t i = 0; i < s->vertex_count; i++) {
         const double *a = s->x + 3 * order[i];
         same[order[i]] = order[i];
         for (int32_t j = 0; j < i; j++) {
             const double *b = s->x + 3 * order[j];
             double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-            if (same[order[j]] == order[j] && sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) <= reach) {
+            if (same[order[j]] == order[j] &&
+                sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) <= reach) {
                 same[order[i]] = order[j];
                 break;
             }

@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-#include "src/factor.h"
+#include "src/solution/factor.h"
 
 uint8_t *rig_flags(int32_t n) {
     uint8_t *f = calloc((size_t)n, 1);

@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "src/discretization.h"
+#include "src/discretization/discretization.h"
 
 /// Zeroed arrays; the test fails when there is no memory.
 uint8_t *rig_flags(int32_t n);

@@ -4,8 +4,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "haptic/model.h"
-#include "haptic/passivity.h"
+#include "haptic/model/model.h"
+#include "haptic/safety/passivity.h"
 
 static pal_status make(const loop_def *def, pal_engine **engine, pal_error *error) {
     pal_engine_def e = pal_engine_default_def();

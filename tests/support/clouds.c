@@ -20,7 +20,8 @@ void test_scene_init(test_scene *t, pal_geometry_kind kind, double spacing) {
     s->patch = t->patch;
 }
 
-void test_scene_box(test_scene *t, double x, double y, double z, const double center[3], double spacing) {
+void test_scene_box(test_scene *t, double x, double y, double z, const double center[3],
+                    double spacing) {
     const double size[3] = {x, y, z};
     test_scene_init(t, PALPATE_GEOMETRY_BOX, spacing);
     memcpy(t->scene.geometry.size, size, sizeof size);

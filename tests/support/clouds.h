@@ -2,7 +2,7 @@
 #ifndef PALPATE_TESTS_SUPPORT_CLOUDS_H
 #define PALPATE_TESTS_SUPPORT_CLOUDS_H
 
-#include "src/scene.h"
+#include "src/scene/scene.h"
 
 enum { TEST_SCENE_MAX = 4 };
 
@@ -16,7 +16,8 @@ typedef struct test_scene {
 
 /// Defaults: nothing refined, no patches, grading 0.45.
 void test_scene_init(test_scene *t, pal_geometry_kind kind, double spacing);
-void test_scene_box(test_scene *t, double x, double y, double z, const double center[3], double spacing);
+void test_scene_box(test_scene *t, double x, double y, double z, const double center[3],
+                    double spacing);
 /// The hemisphere of the design (R = 0.05, patch at the pole with its rim), all spacings x factor.
 /// @param ball  also the refine ball {pole, 0.015, 0.0022}
 void test_scene_hemisphere(test_scene *t, double factor, double scale, int ball);
@@ -27,7 +28,8 @@ void test_scene_patch_ball(test_scene *t, const char *name, const double center[
 /// Free the warnings.
 void test_scene_clear(test_scene *t);
 
-/// Text: "N ns ntri ntet length", then positions (normalised), triangles, tets. @return 0 on success
+/// Text: "N ns ntri ntet length", then positions (normalised), triangles, tets. @return 0 on
+/// success
 int test_cloud_dump(const pal_cloud *cloud, const char *path);
 
 #endif

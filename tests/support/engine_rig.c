@@ -34,7 +34,9 @@ void rig_model(rig *r, int32_t n, pal_precision precision, double skew) {
     p.skew = skew;
     r->model = synthetic_model(&p);
     assert_non_null(r->model);
-    r->tools[0] = (pal_tool_def){.name = "ball", .shape = PALPATE_SHAPE_SPHERE, .radius = 0.004,
+    r->tools[0] = (pal_tool_def){.name = "ball",
+                                 .shape = PALPATE_SHAPE_SPHERE,
+                                 .radius = 0.004,
                                  .limits = {INFINITY, INFINITY, INFINITY}};
     r->def = pal_engine_default_def();
     r->def.tool_count = 1;

@@ -2,7 +2,7 @@
 #ifndef PALPATE_TESTS_ENGINE_RIG_H
 #define PALPATE_TESTS_ENGINE_RIG_H
 
-#include "haptic/engine.h"
+#include "haptic/engine/engine.h"
 #include "tests/support/synthetic_model.h"
 
 typedef struct rig {

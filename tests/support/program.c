@@ -26,8 +26,8 @@ program_result program_run(const char *arguments) {
     char path[] = "/tmp/palpate-stderr-XXXXXX", command[8192];
     int fd = mkstemp(path);
     const char *program = getenv("PALPATE");
-    (void)snprintf(command, sizeof command, "exec %s %s 2>%s", program ? program : "build/palpate", arguments,
-                   path);
+    (void)snprintf(command, sizeof command, "exec %s %s 2>%s", program ? program : "build/palpate",
+                   arguments, path);
     FILE *p = popen(command, "r");
     if (p != NULL) {
         r.out = slurp(p);
@@ -59,7 +59,8 @@ double program_number(const json_t *object, const char *path) {
     while (*path != '\0' && object != NULL) {
         size_t n = strcspn(path, ".");
         (void)snprintf(step, sizeof step, "%.*s", (int)n, path);
-        object = json_is_array(object) ? json_array_get(object, (size_t)atoi(step)) : json_object_get(object, step);
+        object = json_is_array(object) ? json_array_get(object, (size_t)atoi(step))
+                                       : json_object_get(object, step);
         path += n + (path[n] == '.');
     }
     return json_is_number(object)    ? json_number_value(object)

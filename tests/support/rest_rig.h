@@ -2,8 +2,8 @@
 #ifndef PALPATE_TESTS_REST_RIG_H
 #define PALPATE_TESTS_REST_RIG_H
 
-#include "haptic/contact_surface.h"
-#include "haptic/contact_weights.h"
+#include "haptic/contact/contact_surface.h"
+#include "haptic/contact/contact_weights.h"
 
 typedef struct rest_rig {
     pal_model *model; ///< all nodes are touchable columns

@@ -14,6 +14,7 @@ void test_scene_remove(const char *path);
 
 /// Load a scene from text with overrides; the temporary file is removed.
 /// @param set  NULL-terminated list, or NULL
-pal_status test_scene_load(const char *text, const char *const set[], pal_scene **out, pal_error *error);
+pal_status test_scene_load(const char *text, const char *const set[], pal_scene **out,
+                           pal_error *error);
 
 #endif

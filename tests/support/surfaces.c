@@ -18,7 +18,8 @@ static int32_t add_vertex(test_surface *t, const double x[3]) {
 }
 
 void test_surface_sphere(test_surface *t, int level, double radius) {
-    static const double corner[6][3] = {{1, 0, 0}, {0, 1, 0}, {-1, 0, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+    static const double corner[6][3] = {{1, 0, 0},  {0, 1, 0}, {-1, 0, 0},
+                                        {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
     static const int32_t face[8][3] = {{0, 1, 4}, {1, 2, 4}, {2, 3, 4}, {3, 0, 4},
                                        {1, 0, 5}, {2, 1, 5}, {3, 2, 5}, {0, 3, 5}};
     memset(t, 0, sizeof *t);
@@ -64,7 +65,8 @@ void test_surface_cube_more(test_surface *t, double x, double y, double z) {
         corner[i] = add_vertex(t, p);
     }
     for (int f = 0; f < 6; f++) {
-        // both diagonals of neighbouring faces start at corner 0 or 7: edges are cube edges or diagonals
+        // both diagonals of neighbouring faces start at corner 0 or 7: edges are cube edges or
+        // diagonals
         const int32_t v[6] = {corner[quad[f][0]], corner[quad[f][1]], corner[quad[f][2]],
                               corner[quad[f][0]], corner[quad[f][2]], corner[quad[f][3]]};
         memcpy(t->v + 3 * t->triangle_count, v, sizeof v);
@@ -129,11 +131,12 @@ void test_surface_write(const test_surface *t, const char *kind, char *path) {
         (void)fprintf(out, "endsolid test\n");
     } else {
         if (ply) {
-            (void)fprintf(out,
-                          "ply\nformat ascii 1.0\nelement vertex %d\nproperty float x\nproperty float y\n"
-                          "property float z\nelement face %d\nproperty list uchar int vertex_indices\n"
-                          "end_header\n",
-                          t->vertex_count, t->triangle_count);
+            (void)fprintf(
+                out,
+                "ply\nformat ascii 1.0\nelement vertex %d\nproperty float x\nproperty float y\n"
+                "property float z\nelement face %d\nproperty list uchar int vertex_indices\n"
+                "end_header\n",
+                t->vertex_count, t->triangle_count);
         }
         for (int32_t i = 0; i < t->vertex_count; i++) {
             (void)fprintf(out, "%s%.9g %.9g %.9g\n", ply ? "" : "v ", t->x[3 * i], t->x[3 * i + 1],
@@ -141,7 +144,8 @@ void test_surface_write(const test_surface *t, const char *kind, char *path) {
         }
         for (int32_t i = 0; i < t->triangle_count; i++) {
             const int32_t *v = t->v + 3 * i;
-            (void)fprintf(out, "%s %d %d %d\n", ply ? "3" : "f", v[0] + !ply, v[1] + !ply, v[2] + !ply);
+            (void)fprintf(out, "%s %d %d %d\n", ply ? "3" : "f", v[0] + !ply, v[1] + !ply,
+                          v[2] + !ply);
         }
     }
     (void)fclose(out);

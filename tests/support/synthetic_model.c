@@ -14,8 +14,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "haptic/dense.h"
-#include "haptic/model.h"
+#include "haptic/base/dense.h"
+#include "haptic/model/model.h"
 
 static const double pi = 3.14159265358979323846;
 
@@ -393,8 +393,8 @@ static int make_skin(pal_model *model, const grid *g) {
     model->skin_weight = calloc(PALPATE_SKIN_WEIGHTS * count, sizeof(float));
     model->skin_triangle = calloc(3 * (size_t)model->skin_triangle_count, sizeof(int32_t));
     model->skin_twin = calloc(count, sizeof(int32_t));
-    if (model->skin_twin == NULL || model->skin_position == NULL || model->skin_row == NULL || model->skin_weight == NULL ||
-        model->skin_triangle == NULL) {
+    if (model->skin_twin == NULL || model->skin_position == NULL || model->skin_row == NULL ||
+        model->skin_weight == NULL || model->skin_triangle == NULL) {
         return 0;
     }
     int32_t *triangle = model->skin_triangle;

@@ -1,5 +1,5 @@
-/// The offscreen picture of an indented body: something is drawn, coloured where it is displaced, and
-/// written as a PNG that libpng reads back the same; the GIF has its frames.
+/// The offscreen picture of an indented body: something is drawn, coloured where it is displaced,
+/// and written as a PNG that libpng reads back the same; the GIF has its frames.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -145,16 +145,19 @@ static void bad_paths_and_sizes_are_refused(void **state) {
     pal_error error = {0};
     pal_gif *gif = NULL;
     pal_offscreen *off = NULL;
-    assert_int_equal(pal_picture_write_png("/nonexistent/x.png", 16, 16, pixel, &error), PALPATE_ERROR_IO);
+    assert_int_equal(pal_picture_write_png("/nonexistent/x.png", 16, 16, pixel, &error),
+                     PALPATE_ERROR_IO);
     assert_non_null(strstr(error.message, "/nonexistent/x.png"));
-    assert_int_equal(pal_gif_open("/nonexistent/x.gif", 16, 16, 0.1, &gif, &error), PALPATE_ERROR_IO);
+    assert_int_equal(pal_gif_open("/nonexistent/x.gif", 16, 16, 0.1, &gif, &error),
+                     PALPATE_ERROR_IO);
     assert_null(gif);
     assert_int_equal(pal_offscreen_create(3, 16, &off, &error), PALPATE_ERROR_ARGUMENT);
 }
 
 static void scales_round_up_to_plain_numbers(void **state) {
     (void)state;
-    const double in[] = {0.9, 1.0, 1.1, 2.0, 2.1, 5.1, 0.00031}, out[] = {1, 1, 1.5, 2, 3, 6, 0.0004};
+    const double in[] = {0.9, 1.0, 1.1, 2.0, 2.1, 5.1, 0.00031},
+                 out[] = {1, 1, 1.5, 2, 3, 6, 0.0004};
     for (int i = 0; i < 7; i++) {
         assert_true(fabs(pal_round_up(in[i]) - out[i]) < 1e-12 * out[i]);
     }

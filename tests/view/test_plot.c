@@ -1,4 +1,5 @@
-/// The plot: curves lie where their values say, gaps stay gaps, faults are shaded, errors are located.
+/// The plot: curves lie where their values say, gaps stay gaps, faults are shaded, errors are
+/// located.
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -71,7 +72,8 @@ static void curves_lie_where_their_values_say(void **state) {
     v[n + n / 4] = 3.0; // one tick's spike within its column
     pal_plot_panel panel = {.title = "force", .unit = "N", .series_count = 1};
     panel.series[0] = (pal_plot_series){v, v + n, {0.9, 0.0, 0.0}, "probe"};
-    pal_plot plot = {.title = "a test", .from = 0.0, .to = 2.0, .columns = n, .panel_count = 1, .panel = &panel};
+    pal_plot plot = {
+        .title = "a test", .from = 0.0, .to = 2.0, .columns = n, .panel_count = 1, .panel = &panel};
     uint8_t *rgba = drawn(&plot);
     // the right margin is narrower than the left one: find the first column drawn
     int first = -1, last = -1;
@@ -88,8 +90,9 @@ static void curves_lie_where_their_values_say(void **state) {
     assert_true(y0 > y1 + HEIGHT / 2);
     double expected = y0 + (y1 - y0) * 0.75; // three quarters up at three quarters of the way
     assert_true(fabs(topmost(rgba, first + 3 * n / 4, panel.series[0].colour) - expected) < 4.0);
-    assert_true(fabs(topmost(rgba, first + n / 4, panel.series[0].colour) - expected) < 4.0); // the spike
-    assert_int_equal(topmost(rgba, first + n / 2 + 20, panel.series[0].colour), -1);            // the gap
+    assert_true(fabs(topmost(rgba, first + n / 4, panel.series[0].colour) - expected) <
+                4.0);                                                                // the spike
+    assert_int_equal(topmost(rgba, first + n / 2 + 20, panel.series[0].colour), -1); // the gap
     // a marked column is shaded
     mark[n / 2 + 20] = 1;
     plot.mark = mark;
@@ -127,9 +130,15 @@ static void extremes_do_not_hang_or_crash(void **state) {
             for (int i = 0; i < n; i++) {
                 v[i] = i % 2 ? value[k] : (double)NAN;
             }
-            pal_plot_panel panel = {.title = "x", .unit = "1", .logarithmic = logarithmic, .series_count = 1};
+            pal_plot_panel panel = {
+                .title = "x", .unit = "1", .logarithmic = logarithmic, .series_count = 1};
             panel.series[0] = (pal_plot_series){v, v, {0, 0, 0}, ""};
-            pal_plot plot = {.title = "", .from = 5.0, .to = 5.0, .columns = n, .panel_count = 1, .panel = &panel};
+            pal_plot plot = {.title = "",
+                             .from = 5.0,
+                             .to = 5.0,
+                             .columns = n,
+                             .panel_count = 1,
+                             .panel = &panel};
             free(drawn(&plot));
             plot.from = -1e12;
             plot.to = 1e12;
@@ -146,10 +155,12 @@ static void errors_name_the_picture(void **state) {
     panel.series[0] = (pal_plot_series){v, v, {0, 0, 0}, ""};
     pal_plot plot = {.title = "", .to = 1.0, .columns = 10, .panel_count = 1, .panel = &panel};
     pal_error e = {0};
-    assert_int_equal(pal_plot_write_png("/tmp/x.png", WIDTH, HEIGHT, &plot, &e), PALPATE_ERROR_ARGUMENT);
+    assert_int_equal(pal_plot_write_png("/tmp/x.png", WIDTH, HEIGHT, &plot, &e),
+                     PALPATE_ERROR_ARGUMENT);
     assert_non_null(strstr(e.message, "/tmp/x.png"));
     plot.columns = pal_plot_columns(WIDTH, HEIGHT);
-    assert_int_equal(pal_plot_write_png("/nonexistent/x.png", WIDTH, HEIGHT, &plot, &e), PALPATE_ERROR_IO);
+    assert_int_equal(pal_plot_write_png("/nonexistent/x.png", WIDTH, HEIGHT, &plot, &e),
+                     PALPATE_ERROR_IO);
     assert_non_null(strstr(e.message, "/nonexistent/x.png"));
     // what is not a file stays what it is
     char pipe[64];
