@@ -1,15 +1,12 @@
 /// Allocation failure at every allocation of saving, loading and pressing a model: a clean error,
 /// no leak, no partial file, and the library works afterwards. Also what happens to a file while it
 /// is being read: the allocation of its image is the moment between looking and reading.
-///
-/// malloc and friends are replaced for this program; only calls made by its own code (libpalpate is
-/// linked statically) are counted and made to fail, not those inside HDF5 or libc.
+/// Only calls of our own code fail, not those inside HDF5.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <dirent.h>
-#include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -20,92 +17,8 @@
 #include <cmocka.h>
 
 #include "haptic/model/model.h"
+#include "tests/support/failing_allocator.h"
 #include "tests/support/synthetic_model.h"
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define REPLACED 0 // the sanitizers replace malloc themselves
-#else
-#define REPLACED 1
-#endif
-
-static int counting, fail_at, calls;
-static size_t watched;          ///< an allocation of this size
-static void (*happening)(void); ///< is when this happens
-static void *live[4096];
-static int live_count;
-
-#if REPLACED
-extern void *__libc_malloc(size_t);
-extern void *__libc_calloc(size_t, size_t);
-extern void *__libc_realloc(void *, size_t);
-extern void *__libc_memalign(size_t, size_t);
-extern void __libc_free(void *);
-extern char __executable_start, etext;
-
-static int ours(const void *caller) {
-    return counting && (uintptr_t)caller >= (uintptr_t)&__executable_start &&
-           (uintptr_t)caller < (uintptr_t)&etext;
-}
-
-static int fails(void) {
-    return ++calls == fail_at;
-}
-
-static void forget(const void *p) {
-    for (int i = 0; p != NULL && i < live_count; i++) {
-        if (live[i] == p) {
-            live[i] = live[--live_count];
-            return;
-        }
-    }
-}
-
-static void *note(void *p) {
-    if (p != NULL && live_count < 4096) {
-        live[live_count++] = p;
-    }
-    return p;
-}
-
-#define FAIL_OR(call)                                                                              \
-    if (!ours(__builtin_return_address(0))) {                                                      \
-        return call;                                                                               \
-    }                                                                                              \
-    if (fails()) {                                                                                 \
-        errno = ENOMEM;                                                                            \
-        return NULL;                                                                               \
-    }                                                                                              \
-    return note(call)
-
-void *malloc(size_t size) {
-    if (counting && watched != 0 && size == watched) {
-        watched = 0;
-        happening();
-    }
-    FAIL_OR(__libc_malloc(size));
-}
-void *calloc(size_t count, size_t size) {
-    FAIL_OR(__libc_calloc(count, size));
-}
-void *aligned_alloc(size_t alignment, size_t size) {
-    FAIL_OR(__libc_memalign(alignment, size));
-}
-void *realloc(void *old, size_t size) {
-    if (!ours(__builtin_return_address(0))) {
-        return __libc_realloc(old, size);
-    }
-    if (fails()) {
-        errno = ENOMEM;
-        return NULL;
-    }
-    forget(old);
-    return note(__libc_realloc(old, size));
-}
-void free(void *p) {
-    forget(p);
-    __libc_free(p);
-}
-#endif
 
 static char directory[64], path[100];
 static pal_model *model;
@@ -159,18 +72,14 @@ static pal_status do_press(pal_error *error) {
 
 /// Fail the first, second, third ... allocation until the operation gets through.
 static void survives(operation run, int least) {
-    if (!REPLACED) {
-        skip();
-    }
+    failing_or_skip();
     for (int n = 1;; n++) {
         pal_error error = {0};
-        fail_at = n;
-        calls = live_count = 0;
-        counting = 1;
+        failing_watch(n, FAILING_OWN);
         pal_status status = run(&error);
-        counting = 0;
-        assert_int_equal(live_count, 0);
-        if (calls < n) { // nothing failed this time
+        failing_stop();
+        assert_int_equal(failing_leaked(FAILING_OWN), 0);
+        if (failing_calls < n) { // nothing failed this time
             assert_int_equal(status, PALPATE_OK);
             assert_true(n > least);
             return;
@@ -260,22 +169,18 @@ static void files_that_change_under_the_reader(void **state) {
         {replace_it, PALPATE_OK}, // and so is the old one after an atomic rename
         {lengthen, PALPATE_OK},   // what was there is read and verified
     };
-    if (!REPLACED) {
-        skip();
-    }
+    failing_or_skip();
     for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
         pal_error error = {0};
         assert_int_equal(pal_model_save(model, path, &error), PALPATE_OK);
-        watched = file_size();
-        happening = cases[k].what;
-        fail_at = 0;
-        calls = live_count = 0;
-        counting = 1;
+        failing_moment = file_size();
+        failing_happening = cases[k].what;
+        failing_watch(0, FAILING_OWN);
         pal_status status = do_load(&error);
-        counting = 0;
-        assert_int_equal(watched, 0); // it did happen
+        failing_stop();
+        assert_int_equal(failing_moment, 0); // it did happen
         assert_int_equal(status, cases[k].then);
-        assert_int_equal(live_count, 0);
+        assert_int_equal(failing_leaked(FAILING_OWN), 0);
     }
     assert_int_equal(pal_model_save(model, path, NULL), PALPATE_OK);
 }

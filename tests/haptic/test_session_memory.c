@@ -1,16 +1,13 @@
 /// Every allocation of a recorded session fails once, from the device to the converted file: a
 /// clean error, nothing leaked, no file left where there should be none, and no recorded tick lost.
 ///
-/// The allocator is replaced by one that counts the calls of Palpate's own code and of the C
-/// library on its behalf (streams, locales, threads); HDF5's are let through: what it does without
-/// memory is not ours to mend. Sanitizers bring their own allocator: skipped there.
+/// Calls of Palpate's own code fail, and those of libraries on its behalf (streams, locales,
+/// threads) up to the session's start; HDF5's are let through: what it does without memory is not
+/// ours to mend.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
-#include <dlfcn.h>
-#include <errno.h>
-#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,154 +17,8 @@
 
 #include <palpate/session.h>
 
+#include "tests/support/failing_allocator.h"
 #include "tests/support/synthetic_model.h"
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1
-#else
-#define SANITIZED 0
-#endif
-
-enum { LIVE_MAX = 1 << 14 };
-
-static atomic_flag lock = ATOMIC_FLAG_INIT;
-static volatile int watching;
-static volatile long calls;   ///< counted calls since the watch began
-static volatile long fail_at; ///< this one fails; 0: none
-static volatile int own_only; ///< 1: only Palpate's own calls count
-static void *live[LIVE_MAX];  ///< own blocks not yet freed, open addressing; (void *)live: deleted
-static volatile int overflow;
-
-#if !SANITIZED
-extern void *__libc_malloc(size_t);
-extern void *__libc_calloc(size_t, size_t);
-extern void *__libc_realloc(void *, size_t);
-extern void *__libc_memalign(size_t, size_t);
-extern void __libc_free(void *);
-PALPATE_API void *malloc(size_t n); // exported, so that libraries use them too
-PALPATE_API void *calloc(size_t n, size_t m);
-PALPATE_API void *realloc(void *p, size_t n);
-PALPATE_API void *aligned_alloc(size_t a, size_t n);
-PALPATE_API void free(void *p);
-
-static void enter(void) {
-    while (atomic_flag_test_and_set(&lock)) {
-    }
-}
-
-static void leave(void) {
-    atomic_flag_clear(&lock);
-}
-
-static size_t slot_of(const void *p) {
-    return ((uintptr_t)p >> 4) * 2654435761u % LIVE_MAX;
-}
-
-static void remember(void *p) {
-    size_t i = slot_of(p), n = 0;
-    while (live[i] != NULL && live[i] != (void *)live && n < LIVE_MAX) {
-        i = (i + 1) % LIVE_MAX;
-        n++;
-    }
-    overflow |= n == LIVE_MAX;
-    if (n < LIVE_MAX) {
-        live[i] = p;
-    }
-}
-
-static void forget(void *p) {
-    size_t i = slot_of(p);
-    for (size_t n = 0; live[i] != NULL && n < LIVE_MAX; n++) {
-        if (live[i] == p) {
-            live[i] = (void *)live;
-            return;
-        }
-        i = (i + 1) % LIVE_MAX;
-    }
-}
-
-/// 1 when the caller is Palpate's code (linked statically here).
-static int is_own(void *caller) {
-    Dl_info at, here;
-    return dladdr(caller, &at) != 0 && dladdr((void *)&live, &here) != 0 &&
-           at.dli_fbase == here.dli_fbase;
-}
-
-/// Count the call. @return 1 when it is to fail; *own tells whether to remember the block
-static int counted(void *caller, int *own) {
-    *own = 0;
-    if (!watching) {
-        return 0;
-    }
-    *own = is_own(caller);
-    if (own_only && !*own) {
-        return 0;
-    }
-    enter();
-    int now = ++calls == fail_at;
-    leave();
-    if (now) {
-        errno = ENOMEM;
-    }
-    return now;
-}
-
-static void *kept(void *p, int own) {
-    if (own && p != NULL) {
-        enter();
-        remember(p);
-        leave();
-    }
-    return p;
-}
-
-void *malloc(size_t n) {
-    int own;
-    return counted(__builtin_return_address(0), &own) ? NULL : kept(__libc_malloc(n), own);
-}
-
-void *calloc(size_t n, size_t m) {
-    int own;
-    return counted(__builtin_return_address(0), &own) ? NULL : kept(__libc_calloc(n, m), own);
-}
-
-void *aligned_alloc(size_t a, size_t n) {
-    int own;
-    return counted(__builtin_return_address(0), &own) ? NULL : kept(__libc_memalign(a, n), own);
-}
-
-void *realloc(void *p, size_t n) {
-    int own;
-    if (counted(__builtin_return_address(0), &own)) {
-        return NULL;
-    }
-    void *q = __libc_realloc(p, n);
-    if (q != NULL && p != NULL) {
-        enter();
-        forget(p);
-        leave();
-    }
-    return kept(q, own);
-}
-
-void free(void *p) {
-    if (p != NULL) {
-        enter();
-        forget(p);
-        leave();
-    }
-    __libc_free(p);
-}
-#endif
-
-static int leaked(void) {
-    int n = 0;
-    for (int i = 0; i < LIVE_MAX; i++) {
-        n += live[i] != NULL && live[i] != (void *)live;
-        live[i] = NULL;
-    }
-    return n;
-}
 
 static pal_model *model;
 static char folder[64], path[128], dump[128], csv[128];
@@ -220,7 +71,7 @@ static pal_status live_through(int *stage, pal_error *error) {
     def.record_path = path;
     def.dump_path = dump; // the device refuses nothing: no fault, no dump
     def.ring_ticks = 64;
-    *stage = own_only = 0;
+    *stage = 0;
     pal_status status = pal_device_create(&tool, 1e-3, &def.devices[0], error);
     if (status != PALPATE_OK) {
         return status;
@@ -234,7 +85,7 @@ static pal_status live_through(int *stage, pal_error *error) {
     status = pal_session_start(session, error);
     if (status == PALPATE_OK) {
         *stage = 2;
-        own_only = 1;
+        failing_callers = FAILING_OWN;
         status = pal_session_finish(session, error);
     }
     *stage += status == PALPATE_OK;
@@ -244,9 +95,7 @@ static pal_status live_through(int *stage, pal_error *error) {
 
 static void every_allocation_may_fail(void **state) {
     (void)state;
-    if (SANITIZED) {
-        skip();
-    }
+    failing_or_skip();
     int stage, failed_at_stage[4] = {0, 0, 0, 0};
     pal_error warm = {0};
     assert_int_equal(live_through(&stage, &warm), PALPATE_OK); // libraries set themselves up once
@@ -255,14 +104,12 @@ static void every_allocation_may_fail(void **state) {
         pal_error error = {0};
         (void)unlink(path);
         n++;
-        calls = 0;
-        fail_at = n;
-        watching = 1;
+        failing_watch(n, FAILING_ANY);
         pal_status status = live_through(&stage, &error);
-        watching = 0;
-        hit = calls >= n;
-        int lost = leaked();
-        if (lost != 0 || overflow) {
+        failing_stop();
+        hit = failing_calls >= n;
+        int lost = failing_leaked(FAILING_OWN);
+        if (lost != 0) {
             fail_msg("allocation %ld: %d blocks leaked at stage %d (%s)", n, lost, stage,
                      error.message);
         }

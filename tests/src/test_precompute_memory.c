@@ -5,21 +5,17 @@
 /// over its length: no partial file. (Loading a scene, building a cloud, saving and loading a
 /// model, a session: tests of their own.)
 ///
-/// The allocator is replaced by one that counts calls from our code and from SuiteSparse and
-/// ARPACK; those inside OpenBLAS, Assimp and the C library's threads are let through, and those of
-/// METIS, which crashes without memory (CHOLMOD asks for its room beforehand, and does without
-/// METIS when there is none). Blocks that UMFPACK itself forgets when its ordering fails are told
-/// apart from ours by who asked for them: ours must be none. Sanitizers bring their own allocator:
-/// skipped there.
+/// Calls from our code and from SuiteSparse and ARPACK fail; those inside OpenBLAS, Assimp and the
+/// C library's threads are let through, and those of METIS, which crashes without memory (CHOLMOD
+/// asks for its room beforehand, and does without METIS when there is none). Blocks that UMFPACK
+/// itself forgets when its ordering fails are told apart from ours by who asked for them: ours must
+/// be none.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <dirent.h>
-#include <dlfcn.h>
-#include <errno.h>
 #include <math.h>
-#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -35,187 +31,13 @@
 #include "src/cloud/cloud.h"
 #include "src/precompute.h"
 #include "src/cloud/skin.h"
+#include "tests/support/failing_allocator.h"
 #include "tests/support/scene_text.h"
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1
-#else
-#define SANITIZED 0
-#endif
+static const char *const solvers[] = {"cholmod", "umfpack",     "libamd", "colamd",
+                                      "camd",    "suitesparse", "arpack", NULL};
 
-enum { LIVE_MAX = 1 << 16, OBJECTS_MAX = 64 };
-
-static atomic_flag lock = ATOMIC_FLAG_INIT;
-static volatile int watching;
-static volatile long calls;    ///< counted calls since the watch began
-static volatile long fail_at;  ///< this one fails; 0: none
-static void *live[LIVE_MAX];   ///< counted blocks not yet freed; (void *)live: deleted
-static char is_ours[LIVE_MAX]; ///< asked for by our code, not by a library
-static volatile int overflow;
-
-#if !SANITIZED
-extern void *__libc_malloc(size_t);
-extern void *__libc_calloc(size_t, size_t);
-extern void *__libc_realloc(void *, size_t);
-extern void *__libc_memalign(size_t, size_t);
-extern void __libc_free(void *);
-PALPATE_API void *malloc(size_t n); // exported, so that libraries use them too
-PALPATE_API void *calloc(size_t n, size_t m);
-PALPATE_API void *realloc(void *p, size_t n);
-PALPATE_API void *aligned_alloc(size_t a, size_t n);
-PALPATE_API void free(void *p);
-
-static void enter(void) {
-    while (atomic_flag_test_and_set(&lock)) {
-    }
-}
-
-static void leave(void) {
-    atomic_flag_clear(&lock);
-}
-
-static size_t slot_of(const void *p) {
-    return ((uintptr_t)p >> 4) * 2654435761u % LIVE_MAX;
-}
-
-static void remember(void *p, int ours) {
-    size_t i = slot_of(p), n = 0;
-    while (live[i] != NULL && live[i] != (void *)live && n < LIVE_MAX) {
-        i = (i + 1) % LIVE_MAX;
-        n++;
-    }
-    overflow |= n == LIVE_MAX;
-    if (n < LIVE_MAX) {
-        live[i] = p;
-        is_ours[i] = (char)ours;
-    }
-}
-
-static void forget(const void *p) {
-    size_t i = slot_of(p);
-    for (size_t n = 0; live[i] != NULL && n < LIVE_MAX; n++) {
-        if (live[i] == p) {
-            live[i] = (void *)live;
-            return;
-        }
-        i = (i + 1) % LIVE_MAX;
-    }
-}
-
-/// 2: our code, 1: a library that counts, 0: another.
-static int is_counted_object(const char *name, const void *base, const void *own) {
-    static const char *const counted[] = {"cholmod", "umfpack",     "libamd", "colamd",
-                                          "camd",    "suitesparse", "arpack"};
-    if (base == own) {
-        return 2;
-    }
-    for (size_t i = 0; name != NULL && i < sizeof counted / sizeof *counted; i++) {
-        if (strstr(name, counted[i]) != NULL) {
-            return 1;
-        }
-    }
-    return 0;
-}
-
-/// Does this caller count? Objects are looked up once (by page, roughly) as dladdr is slow.
-static int counts(void *caller) {
-    static struct {
-        uintptr_t page;
-        int counted;
-    } known[4096];
-    uintptr_t page = (uintptr_t)caller >> 12;
-    size_t i = page % 4096;
-    if (known[i].page != page) {
-        Dl_info at, here;
-        int found = dladdr(caller, &at) != 0 && dladdr((void *)&live, &here) != 0;
-        known[i].counted = found && is_counted_object(at.dli_fname, at.dli_fbase, here.dli_fbase);
-        known[i].page = page;
-    }
-    return known[i].counted;
-}
-
-/// Count the call. @return 1 when it is to fail; *own tells whether to remember the block
-static int fails(void *caller, int *own) {
-    *own = 0;
-    if (!watching) {
-        return 0;
-    }
-    *own = counts(caller);
-    enter();
-    int now = *own && ++calls == fail_at;
-    leave();
-    if (now) {
-        errno = ENOMEM;
-    }
-    return now;
-}
-
-static void *kept(void *p, int own) {
-    if (own && p != NULL) {
-        enter();
-        remember(p, own == 2);
-        leave();
-    }
-    return p;
-}
-
-void *malloc(size_t n) {
-    int own;
-    return fails(__builtin_return_address(0), &own) ? NULL : kept(__libc_malloc(n), own);
-}
-
-void *calloc(size_t n, size_t m) {
-    int own;
-    return fails(__builtin_return_address(0), &own) ? NULL : kept(__libc_calloc(n, m), own);
-}
-
-void *aligned_alloc(size_t a, size_t n) {
-    int own;
-    return fails(__builtin_return_address(0), &own) ? NULL : kept(__libc_memalign(a, n), own);
-}
-
-void *realloc(void *p, size_t n) {
-    int own;
-    if (fails(__builtin_return_address(0), &own)) {
-        return NULL;
-    }
-    void *q = __libc_realloc(p, n);
-    if (q != NULL && p != NULL) {
-        enter();
-        forget(p);
-        leave();
-    }
-    return kept(q, own);
-}
-
-void free(void *p) {
-    if (p != NULL) {
-        enter();
-        forget(p);
-        leave();
-    }
-    __libc_free(p);
-}
-#endif
-
-/// Our blocks that are left; all are forgotten. @param[out] library  those of libraries, may be
-/// NULL
-static int leaked(int *library) {
-    int n = 0, theirs = 0;
-    for (int i = 0; i < LIVE_MAX; i++) {
-        int left = live[i] != NULL && live[i] != (void *)live;
-        n += left && is_ours[i];
-        theirs += left && !is_ours[i];
-        live[i] = NULL;
-    }
-    if (library != NULL) {
-        *library = theirs;
-    }
-    return n;
-}
-
-// ---- A small scene
-// --------------------------------------------------------------------------------
+// ---- A small scene ------------------------------------------------------------------------------
 
 static const char text[] =
     "palpate: 1\n"
@@ -247,6 +69,7 @@ static int set_up(void **state) {
     pal_scene *scene = scene_of(NULL);
     pal_error e = {0};
     openblas_set_num_threads(1);
+    failing_libraries = solvers;
     pal_status status = pal_cloud_build(scene, NULL, &cloud, &skin, &e);
     pal_scene_free(scene);
     if (status != PALPATE_OK) {
@@ -268,9 +91,7 @@ static pal_status attempt(const char *const set[], long n, pal_model **model, pa
     pal_node_sets sets = {0};
     *model = NULL;
     assert_int_equal(pal_scene_select_nodes(scene, &cloud, &sets, error), PALPATE_OK);
-    calls = 0;
-    fail_at = n;
-    watching = 1;
+    failing_watch(n, FAILING_OWN | FAILING_NAMED);
     pal_status status = PALPATE_ERROR_MEMORY;
     pal_model *m = pal_model_new();
     if (m == NULL) {
@@ -279,7 +100,7 @@ static pal_status attempt(const char *const set[], long n, pal_model **model, pa
     } else {
         status = pal_build_on_cloud(scene, &cloud, &skin, &sets, NULL, m, error);
     }
-    watching = 0;
+    failing_stop();
     if (status == PALPATE_OK) {
         *model = m;
     } else {
@@ -303,9 +124,7 @@ static void expect_same(const double *a, const double *b, size_t count) {
 
 static void every_allocation_of_every_method_fails_once(void **state) {
     (void)state;
-    if (SANITIZED) {
-        skip();
-    }
+    failing_or_skip();
     static const char *const set[][5] = {
         {"method.kind=cell", NULL},
         {"method={kind: cell, form: collocated}", NULL},
@@ -321,7 +140,6 @@ static void every_allocation_of_every_method_fails_once(void **state) {
             if (attempt(set[k], 0, &whole, &error) != PALPATE_OK) {
                 fail_msg("%s: %s", set[k][0], error.message);
             }
-            (void)leaked(NULL);
         }
         size_t size = 9 * (size_t)whole->info.column_count * (size_t)whole->info.column_count;
         long n = 0, failures = 0, done_without = 0, forgotten = 0;
@@ -329,7 +147,7 @@ static void every_allocation_of_every_method_fails_once(void **state) {
             pal_model *model = NULL;
             memset(&error, 0, sizeof error);
             pal_status status = attempt(set[k], n + 1, &model, &error);
-            hit = calls >= n + 1;
+            hit = failing_calls >= n + 1;
             if (status == PALPATE_OK) {
                 done_without += hit;
                 expect_same(model->c_tt, whole->c_tt, size);
@@ -341,15 +159,14 @@ static void every_allocation_of_every_method_fails_once(void **state) {
                              pal_status_name(status), error.message);
                 }
             }
-            int theirs = 0, lost = leaked(&theirs);
-            forgotten += theirs;
-            if (lost != 0 || overflow) {
+            int lost = failing_leaked(FAILING_OWN);
+            forgotten += failing_leaked(FAILING_NAMED);
+            if (lost != 0) {
                 fail_msg("%s, allocation %ld: %d blocks leaked (%s)", set[k][0], n + 1, lost,
                          error.message);
             }
         }
         pal_model_free(whole);
-        (void)leaked(NULL);
         print_message("# %s: %ld allocations failed, %ld did without; libraries forgot %ld blocks "
                       "of theirs\n",
                       set[k][0], failures, done_without, forgotten);
@@ -359,7 +176,7 @@ static void every_allocation_of_every_method_fails_once(void **state) {
 }
 
 // ---- The whole stage, through the cache
-// -------------------------------------------------------------
+// ------------------------------------------------------------
 
 /// Entries of a directory, hidden ones included, and how many of them are loadable models.
 static int entries(const char *directory, int *good) {
@@ -386,16 +203,13 @@ static int entries(const char *directory, int *good) {
 
 static void no_failure_leaves_a_partial_file(void **state) {
     (void)state;
-    if (SANITIZED) {
-        skip();
-    }
+    failing_or_skip();
     char directory[] = "/tmp/palpate-alloc-XXXXXX";
     assert_non_null(mkdtemp(directory));
     const char *before = getenv("PALPATE_CACHE");
     char kept[512];
     (void)snprintf(kept, sizeof kept, "%s", before != NULL ? before : "");
     assert_int_equal(setenv("PALPATE_CACHE", directory, 1), 0);
-    (void)leaked(NULL);
     long total = 0;
     int failed = 0, uncached = 0;
     // the first is whole and counts; then 14 places over its length and the last 14, where the file
@@ -404,31 +218,29 @@ static void no_failure_leaves_a_partial_file(void **state) {
         pal_scene *scene = scene_of(NULL);
         pal_model *model = NULL;
         pal_error error = {0};
-        calls = 0;
-        fail_at = k == 0 ? 0 : k <= 14 ? 1 + total * (k - 1) / 14 : total - (k - 15);
-        watching = 1;
+        long n = k == 0 ? 0 : k <= 14 ? 1 + total * (k - 1) / 14 : total - (k - 15);
+        failing_watch(n, FAILING_OWN | FAILING_NAMED);
         pal_status status = pal_precompute_cached(scene, NULL, &model, NULL, &error);
-        watching = 0;
-        total = k == 0 ? calls : total;
-        int good, n = entries(directory, &good);
-        assert_int_equal(good, n); // whatever is there is whole
-        assert_true(n <= 1);
+        failing_stop();
+        total = k == 0 ? failing_calls : total;
+        int good, files = entries(directory, &good);
+        assert_int_equal(good, files); // whatever is there is whole
+        assert_true(files <= 1);
         if (status == PALPATE_OK) {
             // the cache may have been given up: then the scene says so
-            assert_true(n == 1 || pal_scene_warning_count(scene) > 0);
-            uncached += n == 0;
+            assert_true(files == 1 || pal_scene_warning_count(scene) > 0);
+            uncached += files == 0;
         } else {
             failed++;
-            assert_int_equal(n, 0);
+            assert_int_equal(files, 0);
             assert_int_equal(status, PALPATE_ERROR_MEMORY);
             assert_true(error.message[0] != 0);
         }
         pal_model_free(model);
         pal_scene_free(scene);
-        int lost = leaked(NULL);
-        if (lost != 0 || overflow) {
-            fail_msg("allocation %ld of %ld: %d blocks leaked (%s)", fail_at, total, lost,
-                     error.message);
+        int lost = failing_leaked(FAILING_OWN);
+        if (lost != 0) {
+            fail_msg("allocation %ld of %ld: %d blocks leaked (%s)", n, total, lost, error.message);
         }
     }
     print_message(
