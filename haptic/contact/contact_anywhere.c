@@ -137,7 +137,9 @@ static size_t anywhere_bytes(const pal_model *model, const pal_contact_def *def)
            pal_working_set_bytes(model, node_capacity(model, def)) +
            pal_block_padded(points * sizeof(anywhere_point)) +
            pal_block_padded(points * sizeof(anywhere_held)) +
-           pal_block_padded(rows * y_stride(model, def) * sizeof(double)) +
+           pal_block_padded((rows * y_stride(model, def) + 1) * sizeof(double)) +
+           5 * pal_block_padded((points + 4) * sizeof(double)) +
+           pal_block_padded(12 * points * sizeof(double)) +
            pal_block_padded(rows * rows * sizeof(double)) +
            4 * pal_block_padded(rows * sizeof(double)) + pal_block_padded(points * sizeof(double)) +
            2 * pal_block_padded(points) + pal_block_padded(pal_friction_bytes((int32_t)points)) +
@@ -201,7 +203,13 @@ static void *anywhere_init(void *memory, const pal_model *model, const pal_conta
         pal_block_take(&at, pal_working_set_bytes(model, node_capacity(model, def))));
     law->point = pal_block_take(&at, points * sizeof *law->point);
     law->held = pal_block_take(&at, points * sizeof *law->held);
-    law->y = pal_block_take(&at, rows * y_stride(model, def) * sizeof(double));
+    law->y = pal_block_take(&at, (rows * y_stride(model, def) + 1) * sizeof(double));
+    double **around[] = {&law->around.x, &law->around.y, &law->around.z, &law->around.width,
+                         &law->around.near};
+    for (size_t k = 0; k < sizeof around / sizeof *around; k++) {
+        *around[k] = pal_block_take(&at, (points + 4) * sizeof(double));
+    }
+    law->around.along = pal_block_take(&at, 12 * points * sizeof(double));
     law->m = pal_block_take(&at, rows * rows * sizeof(double));
     law->q = pal_block_take(&at, rows * sizeof(double));
     law->z = pal_block_take(&at, rows * sizeof(double));

@@ -92,6 +92,13 @@ typedef struct anywhere_tool {
     pal_solid solid; ///< there
 } anywhere_tool;
 
+/// Contact points by components, room for three more than there are (contact_system.c).
+typedef struct anywhere_around {
+    double *x, *y, *z, *width; ///< shape [capacity + 4]
+    double *near;              ///< b between one point and each, shape [capacity + 4]
+    double *along;             ///< directions of rows, shape [capacity, component, row + 1 spare]
+} anywhere_around;
+
 typedef struct anywhere_law {
     pal_contact_def def;
     const pal_model *model;
@@ -111,9 +118,10 @@ typedef struct anywhere_law {
     // ---- contact_system.c
     int32_t rows;
     int32_t ld; ///< of y
-    double *y;  ///< R Phi^T of each point [m/N], shape [ld, 3 capacity]: in its columns first,
+    double *y;  ///< R Phi^T of each point [m/N], shape [ld, 3 capacity] + 1: in its columns first,
                 ///< .. along x, y, z; where rows = 1 in the one along its row
-    double *m;  ///< compliance of the rows, column-major, ld = rows [m/N]
+    anywhere_around around;
+    double *m;            ///< compliance of the rows, column-major, ld = rows [m/N]
     double *q, *z, *w;    ///< shape [3 capacity]
     double *mu;           ///< of the points, shape [capacity]
     uint8_t *state;       ///< pal_friction_point of the points, shape [capacity]

@@ -22,8 +22,11 @@
 /// changes them by curvature only.
 #include <string.h>
 
-#include "haptic/contact/contact_anywhere.h"
 #include "haptic/base/pose.h"
+#include "haptic/base/wide.h"
+#include "haptic/contact/contact_anywhere.h"
+
+enum { SWEEPS = 8 }; // vectors of displacement in registers
 
 /// Weight in the drag of a point without normal force, as a part of the tool's force: were a
 /// station that loses its force laid out without drag, it could win and lose it for ever under a
@@ -157,13 +160,57 @@ static void follow_material(anywhere_law *law) {
     }
 }
 
+/// Elements k .. of sum_sweeps(): `vectors` x PALPATE_LANES of them.
+PALPATE_INLINE void sum_tile(const int vectors, anywhere_law *law, size_t k) {
+    pal_lanes sum[SWEEPS];
+    PALPATE_UNROLL
+    for (int h = 0; h < vectors; h++) {
+        sum[h] = PALPATE_FILL(0.0);
+    }
+    for (int32_t i = 0; i < law->points; i++) {
+        const anywhere_point *point = &law->point[i];
+        for (int32_t a = 0; a < point->rows; a++) {
+            const double *y = law->y + (size_t)(point->first + a) * (size_t)law->ld + k;
+            double f = point->rows == 3 ? law->trace[i].force[a] : law->z[point->first];
+            if (f != 0.0) {
+                const pal_lanes times = PALPATE_FILL(f);
+                PALPATE_UNROLL
+                for (int h = 0; h < vectors; h++) {
+                    pal_lanes v;
+                    PALPATE_LOAD(v, y + PALPATE_LANES * h);
+                    sum[h] += times * v;
+                }
+            }
+        }
+    }
+    PALPATE_UNROLL
+    for (int h = 0; h < vectors; h++) {
+        PALPATE_STORE(law->past_u + k + PALPATE_LANES * h, sum[h]);
+    }
+}
+
+/// past_u = R F of the nodes, from the sweeps of the points: of three directions with a point's
+/// force, or of the one along its row. Columns are padded: whole tiles may be read and written.
+PALPATE_INLINE void sum_sweeps(anywhere_law *law) {
+    size_t nodes = 3 * (size_t)law->past_nodes, k = 0;
+    for (; k + SWEEPS * PALPATE_LANES <= nodes; k += SWEEPS * PALPATE_LANES) {
+        sum_tile(SWEEPS, law, k);
+    }
+    for (; k < nodes; k += 2 * PALPATE_LANES) {
+        sum_tile(2, law, k);
+    }
+}
+
+PALPATE_AVX2 static void sum_sweeps_avx2(anywhere_law *law) {
+    sum_sweeps(law);
+}
+
 void pal_anywhere_remember(anywhere_law *law, const pal_contact_result *result) {
     const pal_working_set *set = &law->set;
     size_t nodes = 3 * (size_t)set->count;
     law->past_nodes = set->count;
     memcpy(law->past_column, set->column, (size_t)set->count * sizeof *law->past_column);
     memcpy(law->past_force, law->nodal, nodes * sizeof *law->past_force);
-    memset(law->past_u, 0, nodes * sizeof *law->past_u);
     law->traces = law->points;
     for (int32_t i = 0; i < law->points; i++) {
         const anywhere_point *point = &law->point[i];
@@ -180,14 +227,11 @@ void pal_anywhere_remember(anywhere_law *law, const pal_contact_result *result) 
                 trace->force[c] += law->z[point->first + a] * point->along[a][c];
             }
         }
-        // the sweeps of three directions, or of the one along the row
-        for (int32_t a = 0; a < point->rows; a++) {
-            const double *y = law->y + (size_t)(point->first + a) * (size_t)law->ld;
-            double f = point->rows == 3 ? trace->force[a] : law->z[point->first];
-            for (size_t k = 0; f != 0.0 && k < nodes; k++) {
-                law->past_u[k] += f * y[k];
-            }
-        }
+    }
+    if (pal_have_avx2()) {
+        sum_sweeps_avx2(law);
+    } else {
+        sum_sweeps(law);
     }
     for (int32_t t = 0; t < law->def.tool_count; t++) {
         law->tool[t].last = law->tool[t].free;

@@ -17,8 +17,13 @@
 /// A point has one row, e = -n with the gap w = M z + q >= 0 and z >= 0, or three, with the slips
 /// along two tangents behind it (friction: since the last tick, contact_friction.c; held: w = 0);
 /// friction.h solves all together. The forces act on the nodes as Phi^T e z (virtual work).
+///
+/// M is built four numbers at a time (wide.h): b of four points i; the three components of u and
+/// the three rows of a point with one spare. Each number is made by the operations above in one
+/// order.
 #include <string.h>
 
+#include "haptic/base/wide.h"
 #include "haptic/contact/contact_anywhere.h"
 #include "haptic/contact/contact_sweep.h"
 
@@ -102,30 +107,151 @@ void pal_anywhere_trace(const anywhere_law *law, const anywhere_point *point, do
     }
 }
 
-/// Columns of M for point j, rows of the points from `first` on.
-static void fill(anywhere_law *law, const anywhere_point *j, int32_t first) {
-    size_t n = (size_t)law->rows, ld = (size_t)law->ld;
+/// law->near[p] = b between j and the points from `first` on; two points of the same tool and
+/// station take no factor.
+PALPATE_INLINE void find_near(anywhere_law *law, int32_t j, int32_t first) {
+    const anywhere_point *point = law->point;
+    const anywhere_around *at = &law->around;
+    const pal_lanes x = PALPATE_FILL(point[j].x[0]), y = PALPATE_FILL(point[j].x[1]),
+                    z = PALPATE_FILL(point[j].x[2]), w = PALPATE_FILL(point[j].width);
+    for (int32_t p = first; p < law->points; p += PALPATE_LANES) {
+        pal_lanes a, b, c, both, square;
+        PALPATE_LOAD(a, at->x + p);
+        PALPATE_LOAD(b, at->y + p);
+        PALPATE_LOAD(c, at->z + p);
+        PALPATE_LOAD(both, at->width + p);
+        a -= x, b -= y, c -= z, both += w;
+        square = a * a + b * b + c * c + both * both;
+        for (int k = 0; k < PALPATE_LANES; k++) {
+            square[k] = sqrt(square[k]);
+        }
+        square = 1.0 / square;
+        PALPATE_STORE(at->near + p, square);
+    }
+    for (int32_t p = first; p < law->points; p++) {
+        at->near[p] *= point[p].tool != point[j].tool         ? APART
+                       : point[p].station != point[j].station ? ALONG
+                                                              : 1.0;
+    }
+    at->near[j] /= point[j].fade;
+}
+
+/// u = sum_k phi_k v_k of the point's nodes, the fourth component without meaning.
+PALPATE_INLINE void sample_wide(const anywhere_point *point, const double *v, pal_lanes *u) {
+    pal_lanes sum = PALPATE_FILL(0.0);
+    for (int32_t k = 0; k < point->phi.count; k++) {
+        pal_lanes at;
+        PALPATE_LOAD(at, v + 3 * (size_t)point->slot[k]);
+        sum += PALPATE_FILL(point->phi.phi[k]) * at;
+    }
+    *u = sum;
+}
+
+/// The same for three v, `ld` apart.
+PALPATE_INLINE void sample_axes(const anywhere_point *point, const double *v, size_t ld,
+                                pal_lanes u[3]) {
+    pal_lanes x = PALPATE_FILL(0.0), y = x, z = x;
+    for (int32_t k = 0; k < point->phi.count; k++) {
+        const double *at = v + 3 * (size_t)point->slot[k];
+        const pal_lanes phi = PALPATE_FILL(point->phi.phi[k]);
+        pal_lanes a, b, c;
+        PALPATE_LOAD(a, at);
+        PALPATE_LOAD(b, at + ld);
+        PALPATE_LOAD(c, at + 2 * ld);
+        x += phi * a;
+        y += phi * b;
+        z += phi * c;
+    }
+    u[0] = x, u[1] = y, u[2] = z;
+}
+
+/// Columns of M for point j of one row, rows of the points from `first` on.
+PALPATE_INLINE void fill_row(anywhere_law *law, const anywhere_point *j, int32_t first,
+                             const double *y) {
     double t = law->near.tangent, more = law->near.normal - t;
-    double *y = law->y + (size_t)j->first * ld;
-    sweep(law, j, y);
+    double *m = law->m + (size_t)j->first * (size_t)law->rows;
+    const double *e = j->along[0];
     for (int32_t p = first; p < law->points; p++) {
         const anywhere_point *i = &law->point[p];
-        double near = spread(i, j), yield = i->tool == j->tool ? law->tool[i->tool].yield : 0.0;
-        double u[3][3];
-        for (int32_t b = 0; b < j->rows; b++) {
-            pal_anywhere_sample(i, y + (size_t)b * ld, u[b]);
+        double yield = i->tool == j->tool ? law->tool[i->tool].yield : 0.0;
+        pal_lanes u;
+        sample_wide(i, y, &u);
+        double v[3] = {u[0], u[1], u[2]};
+        for (int32_t a = 0; a < i->rows; a++) {
+            double both = dot(i->along[a], e), blend = t * both - (a == 0 ? -more : 0.0);
+            m[i->first + a] = dot(i->along[a], v) + blend * law->around.near[p] + yield * both;
         }
-        for (int32_t b = 0; b < j->rows; b++) {
+    }
+}
+
+/// The same for point j of three rows.
+PALPATE_INLINE void fill_axes(anywhere_law *law, const anywhere_point *j, int32_t first,
+                              const double *y) {
+    size_t n = (size_t)law->rows, ld = (size_t)law->ld;
+    double t = law->near.tangent, more = law->near.normal - t;
+    for (int32_t p = first; p < law->points; p++) {
+        const anywhere_point *i = &law->point[p];
+        const double *turned = law->around.along + 12 * (size_t)p; // [component][row], spare 0
+        double yield = i->tool == j->tool ? law->tool[i->tool].yield : 0.0;
+        double near = law->around.near[p], *m = law->m + (size_t)j->first * n + (size_t)i->first;
+        pal_lanes u[3], along[3];
+        sample_axes(i, y, ld, u);
+        PALPATE_UNROLL
+        for (int b = 0; b < 3; b++) {
+            PALPATE_LOAD(along[b], turned + 4 * b);
+        }
+        PALPATE_UNROLL
+        for (int b = 0; b < 3; b++) {
             const double *e = j->along[b];
-            double v[3], *m = law->m + ((size_t)j->first + (size_t)b) * n + (size_t)i->first;
-            double other = b == 0 ? -more : 0.0; // along[0] = -normal, the others lie across it
-            for (int k = 0; k < 3; k++) {
-                v[k] = j->rows == 3 ? u[0][k] * e[0] + u[1][k] * e[1] + u[2][k] * e[2] : u[0][k];
+            // along[0] = -normal, the others lie across it
+            const pal_lanes other = {b == 0 ? -more : 0.0, 0.0, 0.0, 0.0};
+            pal_lanes v = u[0] * e[0] + u[1] * e[1] + u[2] * e[2];
+            pal_lanes both = along[0] * e[0] + along[1] * e[1] + along[2] * e[2];
+            pal_lanes blend = t * both - other;
+            pal_lanes sum = along[0] * v[0] + along[1] * v[1] + along[2] * v[2];
+            sum = sum + blend * near + yield * both;
+            double *to = m + (size_t)b * n;
+            to[0] = sum[0];
+            if (i->rows == 3) {
+                to[1] = sum[1];
+                to[2] = sum[2];
             }
-            for (int32_t a = 0; a < i->rows; a++) {
-                double both = dot(i->along[a], e);
-                double blend = t * both - (a == 0 ? other : 0.0);
-                m[a] = dot(i->along[a], v) + blend * near + yield * both;
+        }
+    }
+}
+
+PALPATE_INLINE void fill_all(anywhere_law *law) {
+    for (int32_t p = 0; p < law->points; p++) {
+        const anywhere_point *j = &law->point[p];
+        double *y = law->y + (size_t)j->first * (size_t)law->ld;
+        int32_t first = law->set.symmetric ? p : 0;
+        sweep(law, j, y);
+        find_near(law, p, first);
+        if (j->rows == 3) {
+            fill_axes(law, j, first, y);
+        } else {
+            fill_row(law, j, first, y);
+        }
+    }
+}
+
+PALPATE_AVX2 static void fill_all_avx2(anywhere_law *law) {
+    fill_all(law);
+}
+
+/// What fill_all() reads of the points, by components.
+static void place_around(anywhere_law *law) {
+    const anywhere_around *at = &law->around;
+    for (int32_t p = 0; p < law->points; p++) {
+        const anywhere_point *point = &law->point[p];
+        double *turned = at->along + 12 * (size_t)p;
+        at->x[p] = point->x[0];
+        at->y[p] = point->x[1];
+        at->z[p] = point->x[2];
+        at->width[p] = point->width;
+        for (int k = 0; k < 3; k++) {
+            for (int a = 0; a < 3; a++) {
+                turned[4 * k + a] = point->along[a][k];
             }
         }
     }
@@ -151,8 +277,11 @@ void pal_anywhere_assemble(anywhere_law *law) {
             law->z[point->first + a] = law->force_before[3 * (size_t)point->id + (size_t)a];
         }
     }
-    for (int32_t j = 0; j < law->points; j++) {
-        fill(law, &law->point[j], law->set.symmetric ? j : 0);
+    place_around(law);
+    if (pal_have_avx2()) {
+        fill_all_avx2(law);
+    } else {
+        fill_all(law);
     }
     size_t n = (size_t)law->rows;
     for (size_t s = 0; law->set.symmetric && s < n; s++) {

@@ -34,12 +34,14 @@
 
 #include "haptic/solver/complementarity.h"
 #include "haptic/base/dense.h"
+#include "haptic/base/wide.h"
 
 /// Not hypot(): libm's last bit depends on its version; forces do not overflow.
 static double length2(double a, double b) {
     return sqrt(a * a + b * b);
 }
 
+enum { PRODUCT = 8 }; // vectors of y in registers
 enum { HALVINGS = 7, MEMORY = 4, NEWTON = 30, PROXIMAL = 40, PROXIMAL_STEPS = 20, MU_STEPS = 8 };
 static const double TOLERANCE = 1e-9;   // of the residual over || q ||
 static const double SHRINK = 0.6;       // of a from one proximal point to the next
@@ -98,19 +100,61 @@ static void place(friction_work *s, int32_t points, void *memory) {
     s->pivot = (int32_t *)(void *)(s->point + m);
 }
 
-/// y = (M + shift) f
-static void product(const pal_friction *p, double shift, const double *f, double *y) {
-    int32_t n = p->rows;
-    for (int32_t i = 0; i < n; i++) {
-        y[i] = shift * f[i];
+/// Rows i .. of y = (M + shift) f: `vectors` x PALPATE_LANES of them.
+PALPATE_INLINE void product_tile(const int vectors, const pal_friction *p, double shift,
+                                 const double *f, double *y, int32_t i) {
+    pal_lanes sum[PRODUCT];
+    PALPATE_UNROLL
+    for (int h = 0; h < vectors; h++) {
+        PALPATE_LOAD(sum[h], f + i + PALPATE_LANES * h);
+        sum[h] *= shift;
     }
-    for (int32_t j = 0; j < n; j++) {
-        const double *column = p->m + (size_t)j * (size_t)p->ld, fj = f[j];
-        if (fj != 0) {
-            for (int32_t i = 0; i < n; i++) {
-                y[i] += column[i] * fj;
+    for (int32_t j = 0; j < p->rows; j++) {
+        const double *column = p->m + (size_t)j * (size_t)p->ld + i;
+        if (f[j] != 0) {
+            const pal_lanes fj = PALPATE_FILL(f[j]);
+            PALPATE_UNROLL
+            for (int h = 0; h < vectors; h++) {
+                pal_lanes c;
+                PALPATE_LOAD(c, column + PALPATE_LANES * h);
+                sum[h] += c * fj;
             }
         }
+    }
+    PALPATE_UNROLL
+    for (int h = 0; h < vectors; h++) {
+        PALPATE_STORE(y + i + PALPATE_LANES * h, sum[h]);
+    }
+}
+
+PALPATE_INLINE void product_tiles(const pal_friction *p, double shift, const double *f, double *y) {
+    int32_t n = p->rows, i = 0;
+    for (; i + PRODUCT * PALPATE_LANES <= n; i += PRODUCT * PALPATE_LANES) {
+        product_tile(PRODUCT, p, shift, f, y, i);
+    }
+    for (; i + PALPATE_LANES <= n; i += PALPATE_LANES) {
+        product_tile(1, p, shift, f, y, i);
+    }
+    for (; i < n; i++) {
+        double sum = shift * f[i];
+        for (int32_t j = 0; j < n; j++) {
+            sum = f[j] != 0 ? sum + p->m[(size_t)i + (size_t)j * (size_t)p->ld] * f[j] : sum;
+        }
+        y[i] = sum;
+    }
+}
+
+PALPATE_AVX2 static void product_avx2(const pal_friction *p, double shift, const double *f,
+                                      double *y) {
+    product_tiles(p, shift, f, y);
+}
+
+/// y = (M + shift) f; y may not be f. Every element is summed over the columns in their order.
+static void product(const pal_friction *p, double shift, const double *f, double *y) {
+    if (pal_have_avx2()) {
+        product_avx2(p, shift, f, y);
+    } else {
+        product_tiles(p, shift, f, y);
     }
 }
 
