@@ -1,9 +1,11 @@
 /// @file field.c  Eq. 53 over the stored rows: variants by instruction set, chosen at run time.
 ///
 /// The arithmetic is in field_sweep.h, written once with a wide type and instantiated per variant;
-/// only the conversion of halves differs. See field.h for the order of summation.
+/// only the conversion of 16-bit numbers and the fused multiply-add differ. See field.h for the
+/// order of summation.
 #include "haptic/engine/field.h"
 
+#include <math.h>
 #include <string.h>
 
 #if defined(__x86_64__)
@@ -56,15 +58,47 @@ static void sweep_scalar(const pal_field_job *job) {
                       : job->precision == PALPATE_PRECISION_SCALED
                           ? (float)((const int16_t *)job->block)[at]
                           : half_to_float(((const uint16_t *)job->block)[at]);
-            a += job->f32[k] * c;
+            a = fmaf(job->f32[k], c, a);
         }
         job->out[i] = a;
     }
 }
 
+/// a = f c + a rounded once, for processors without the instruction: the product is exact in double
+/// precision, its sum with a is rounded there to odd (Boldo and Melquiond, Emulation of FMA and
+/// correctly rounded sums, IEEE Trans. Comput. 57, 2008), which no second rounding can mistake for
+/// a tie.
+typedef float portable_floats __attribute__((vector_size(16), aligned(4), may_alias));
+typedef double portable_wide __attribute__((vector_size(32)));
+typedef int64_t portable_bits __attribute__((vector_size(32)));
+
+static inline portable_floats portable_fuse(portable_floats f, portable_floats c,
+                                            portable_floats a) {
+#if defined(__FP_FAST_FMAF)
+    for (int i = 0; i < 4; i++) {
+        a[i] = __builtin_fmaf(f[i], c[i], a[i]);
+    }
+    return a;
+#else
+    portable_wide p =
+        __builtin_convertvector(f, portable_wide) * __builtin_convertvector(c, portable_wide);
+    portable_wide b = __builtin_convertvector(a, portable_wide), s = p + b;
+    portable_wide part = s - p, rest = (p - (s - part)) + (b - part); // s + rest = p + b (Knuth)
+    portable_bits bits = (portable_bits)s, down = (s < 0);
+    portable_bits above = (rest > 0), below = (rest < 0);
+    // inexact with an even last bit: the odd neighbour towards the rest
+    portable_bits even = (bits & 1) - 1;
+    bits += even & ((above & ~down) | (below & down)) & 1;
+    bits -= even & ((below & ~down) | (above & down)) & 1;
+    return __builtin_convertvector((portable_wide)bits, portable_floats);
+#endif
+}
+
 #define SWEEP(name) sweep_portable_##name
 #define SWEEP_TARGET
 #define SWEEP_WIDTH 16
+#define SWEEP_UNROLL 1
+#define SWEEP_FUSE(f, c, a) ((a) = portable_fuse((f), (c), (a)))
 #define SWEEP_HALF(p, v)                                                                           \
     ((v) = (sweep_portable_floats){half_to_float((p)[0]), half_to_float((p)[1]),                   \
                                    half_to_float((p)[2]), half_to_float((p)[3])})
@@ -76,11 +110,16 @@ static void sweep_scalar(const pal_field_job *job) {
 #undef SWEEP_WIDTH
 #undef SWEEP_HALF
 #undef SWEEP_INTEGER
+#undef SWEEP_UNROLL
+#undef SWEEP_FUSE
 
 #if defined(__x86_64__)
 #define SWEEP(name) sweep_avx2_##name
-#define SWEEP_TARGET __attribute__((target("avx2,f16c")))
+#define SWEEP_TARGET __attribute__((target("avx2,fma,f16c")))
 #define SWEEP_WIDTH 32
+#define SWEEP_UNROLL 2 // 12 factors and 2 sums: what 16 registers hold
+#define SWEEP_FUSE(f, c, a)                                                                        \
+    ((a) = (sweep_avx2_floats)_mm256_fmadd_ps((__m256)(f), (__m256)(c), (__m256)(a)))
 #define SWEEP_HALF(p, v)                                                                           \
     ((v) = (sweep_avx2_floats)_mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)(const void *)(p))))
 #define SWEEP_INTEGER(p, v)                                                                        \
@@ -92,10 +131,15 @@ static void sweep_scalar(const pal_field_job *job) {
 #undef SWEEP_WIDTH
 #undef SWEEP_HALF
 #undef SWEEP_INTEGER
+#undef SWEEP_UNROLL
+#undef SWEEP_FUSE
 
 #define SWEEP(name) sweep_avx512_##name
 #define SWEEP_TARGET __attribute__((target("avx512f")))
 #define SWEEP_WIDTH 64
+#define SWEEP_UNROLL 4
+#define SWEEP_FUSE(f, c, a)                                                                        \
+    ((a) = (sweep_avx512_floats)_mm512_fmadd_ps((__m512)(f), (__m512)(c), (__m512)(a)))
 #define SWEEP_HALF(p, v)                                                                           \
     ((v) = (sweep_avx512_floats)_mm512_cvtph_ps(                                                   \
          _mm256_loadu_si256((const __m256i *)(const void *)(p))))
@@ -108,6 +152,8 @@ static void sweep_scalar(const pal_field_job *job) {
 #undef SWEEP_WIDTH
 #undef SWEEP_HALF
 #undef SWEEP_INTEGER
+#undef SWEEP_UNROLL
+#undef SWEEP_FUSE
 #endif
 
 #if defined(__x86_64__)
@@ -125,7 +171,7 @@ int pal_field_available(pal_isa isa) {
         return 1;
     case PALPATE_ISA_AVX2:
 #if defined(__x86_64__)
-        return __builtin_cpu_supports("avx2") && have_f16c();
+        return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && have_f16c();
 #else
         return 0;
 #endif

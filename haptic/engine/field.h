@@ -5,10 +5,11 @@
 ///
 /// Every variant (scalar twin, portable, AVX2, AVX-512) computes, for each row i on its own,
 ///     a = 0;  a = a + f[0] c0[i];  a = a + f[1] c1[i];  ...
-/// with one rounding per product and one per sum (no fused multiply-add anywhere: the sweep waits
-/// for memory, not for arithmetic). Hence all variants agree bit for bit. Single, half and scaled
-/// storage (16-bit integers, exact in single precision) are summed in single precision, double
-/// storage in double precision and rounded once at the end.
+/// Single, half and scaled storage (16-bit integers, exact in single precision) are summed in
+/// single precision by IEEE 754's fused multiply-add, rounded once per column; double storage in
+/// double precision with a rounding per product and per sum, and once at the end. Both are exactly
+/// defined, so all variants agree bit for bit. Fused, because an instruction less per line that
+/// waits for memory lets more lines be on their way (field_sweep.h has the numbers).
 #ifndef PALPATE_HAPTIC_FIELD_H
 #define PALPATE_HAPTIC_FIELD_H
 

@@ -6,11 +6,22 @@
 ///   SWEEP_WIDTH     bytes of the wide type (16, 32, 64)
 ///   SWEEP_HALF(p, v) load SWEEP_WIDTH / 4 halves at p into the float vector v
 ///   SWEEP_INTEGER(p, v) the same for 16-bit integers
+///   SWEEP_FUSE(f, c, a) a = f c + a, rounded once, in single precision
+///   SWEEP_UNROLL    vectors of the result held in registers at a time
 ///
 /// Blocking: a panel of SWEEP_ROWS rows of the result stays in cache while the columns are swept
 /// over it, SWEEP_GROUP columns per pass, so that the panel is read and written once per
 /// SWEEP_GROUP columns and every column is read in long consecutive runs (the prefetcher's
 /// favourite). Nodal forces come in threes, so the remainder is swept by sixes and threes.
+///
+/// What limits it (measured, AVX-512, Zen 5): the loads in flight. A multiplication and an addition
+/// per line that wait for it fill the schedulers at half the distance that a pure read (one
+/// addition) reaches, 0.78 of the read at 23 MB; fused it is 0.95 to 1.0. Several vectors of each
+/// column at a time (SWEEP_UNROLL) are longer runs per stream: 0.6 -> 0.8 of the read from L2.
+/// Prefetching by software further ahead than 256 bytes, other panels, groups of 6, 9, 18 and 24
+/// columns, tiles of 16 to 28 vectors in registers over all columns: no better over all sizes; and
+/// a read of the same block in twelve streams is as fast as a linear one beyond L2, so columns need
+/// not be interleaved.
 
 typedef float SWEEP(floats) __attribute__((vector_size(SWEEP_WIDTH), aligned(4), may_alias));
 typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8), may_alias));
@@ -18,20 +29,38 @@ typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8
 #define SWEEP_LOAD_FLOAT(p, v) ((v) = *(const SWEEP(floats) *)(const void *)(p))
 #define SWEEP_LOAD_DOUBLE(p, v) ((v) = *(const SWEEP(doubles) *)(const void *)(p))
 
-#define SWEEP_LOOP(GROUP, VECTOR, LOAD, START)                                                     \
-    for (int64_t i = 0; i < rows; i += LANES) {                                                    \
-        VECTOR a = START;                                                                          \
-        _Pragma("GCC unroll 16") for (int g = 0; g < (GROUP); g++) {                               \
+/// Twice rounded, for double storage.
+#define SWEEP_ADD(f, c, a) ((a) += (f) * (c))
+
+/// COUNT vectors of the result from row i on, over GROUP columns.
+#define SWEEP_STEP(COUNT, GROUP, VECTOR, LOAD, FUSE, FRESH)                                        \
+    VECTOR a[COUNT];                                                                               \
+    _Pragma("GCC unroll 4") for (int u = 0; u < (COUNT); u++) {                                    \
+        a[u] = (FRESH) ? (VECTOR){0} : *(VECTOR *)(void *)(acc + i + u * LANES);                   \
+    }                                                                                              \
+    _Pragma("GCC unroll 16") for (int g = 0; g < (GROUP); g++) {                                   \
+        _Pragma("GCC unroll 4") for (int u = 0; u < (COUNT); u++) {                                \
             VECTOR c;                                                                              \
-            LOAD(column[g] + i, c);                                                                \
-            a += factor[g] * c;                                                                    \
+            LOAD(column[g] + i + u * LANES, c);                                                    \
+            FUSE(factor[g], c, a[u]);                                                              \
         }                                                                                          \
-        *(VECTOR *)(void *)(acc + i) = a;                                                          \
+    }                                                                                              \
+    _Pragma("GCC unroll 4") for (int u = 0; u < (COUNT); u++) {                                    \
+        *(VECTOR *)(void *)(acc + i + u * LANES) = a[u];                                           \
+    }
+
+#define SWEEP_LOOP(GROUP, VECTOR, LOAD, FUSE, FRESH)                                               \
+    int64_t i = 0;                                                                                 \
+    for (; i + SWEEP_UNROLL * LANES <= rows; i += SWEEP_UNROLL * LANES) {                          \
+        SWEEP_STEP(SWEEP_UNROLL, GROUP, VECTOR, LOAD, FUSE, FRESH)                                 \
+    }                                                                                              \
+    for (; i < rows; i += LANES) {                                                                 \
+        SWEEP_STEP(1, GROUP, VECTOR, LOAD, FUSE, FRESH)                                            \
     }
 
 /// acc[i] += sum over GROUP columns from `first`, rows [row, row + rows); acc starts from zero at
 /// the first column
-#define SWEEP_PASS(NAME, GROUP, ELEMENT, SCALAR, VECTOR, LOAD, FACTOR)                             \
+#define SWEEP_PASS(NAME, GROUP, ELEMENT, SCALAR, VECTOR, LOAD, FUSE, FACTOR)                       \
     SWEEP_TARGET static void SWEEP(NAME)(const pal_field_job *job, int32_t first, int64_t row,     \
                                          int64_t rows, SCALAR *acc) {                              \
         enum { LANES = SWEEP_WIDTH / (int)sizeof(SCALAR) };                                        \
@@ -43,9 +72,9 @@ typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8
             factor[g] = (VECTOR){0} + job->FACTOR[first + g];                                      \
         }                                                                                          \
         if (first == 0 && !job->add) {                                                             \
-            SWEEP_LOOP(GROUP, VECTOR, LOAD, (VECTOR){0})                                           \
+            SWEEP_LOOP(GROUP, VECTOR, LOAD, FUSE, 1)                                               \
         } else {                                                                                   \
-            SWEEP_LOOP(GROUP, VECTOR, LOAD, *(VECTOR *)(void *)(acc + i))                          \
+            SWEEP_LOOP(GROUP, VECTOR, LOAD, FUSE, 0)                                               \
         }                                                                                          \
     }
 
@@ -71,11 +100,11 @@ typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8
         }                                                                                          \
     }
 
-// element, accumulator and vector types, loader, and which rounding of the force is used
-#define SWEEP_SINGLE float, float, SWEEP(floats), SWEEP_LOAD_FLOAT, f32
-#define SWEEP_HALVES uint16_t, float, SWEEP(floats), SWEEP_HALF, f32
-#define SWEEP_SCALED int16_t, float, SWEEP(floats), SWEEP_INTEGER, f32
-#define SWEEP_DOUBLE double, double, SWEEP(doubles), SWEEP_LOAD_DOUBLE, f
+// element, accumulator and vector types, loader, summation, and which rounding of the force is used
+#define SWEEP_SINGLE float, float, SWEEP(floats), SWEEP_LOAD_FLOAT, SWEEP_FUSE, f32
+#define SWEEP_HALVES uint16_t, float, SWEEP(floats), SWEEP_HALF, SWEEP_FUSE, f32
+#define SWEEP_SCALED int16_t, float, SWEEP(floats), SWEEP_INTEGER, SWEEP_FUSE, f32
+#define SWEEP_DOUBLE double, double, SWEEP(doubles), SWEEP_LOAD_DOUBLE, SWEEP_ADD, f
 #define SWEEP_EXPAND(NAME, GROUP, TYPES) SWEEP_PASS_(NAME, GROUP, TYPES)
 #define SWEEP_PASS_(NAME, GROUP, ...) SWEEP_PASS(NAME, GROUP, __VA_ARGS__)
 
@@ -121,7 +150,7 @@ SWEEP_PANEL(panel_double, double, double)
             _Pragma("GCC unroll 8") for (int v = 0; v < (VECTORS); v++) {                          \
                 SWEEP(floats) c;                                                                   \
                 SWEEP_INTEGER(column + v * LANES, c);                                              \
-                a[v] += factor * c;                                                                \
+                SWEEP_FUSE(factor, c, a[v]);                                                       \
             }                                                                                      \
         }                                                                                          \
         _Pragma("GCC unroll 8") for (int v = 0; v < (VECTORS); v++) {                              \
@@ -171,6 +200,8 @@ static void SWEEP(all)(const pal_field_job *job) {
 #undef SWEEP_LOAD_DOUBLE
 #undef SWEEP_PASS
 #undef SWEEP_LOOP
+#undef SWEEP_STEP
+#undef SWEEP_ADD
 #undef SWEEP_PASS_
 #undef SWEEP_EXPAND
 #undef SWEEP_PANEL

@@ -206,6 +206,46 @@ static void sum_is_within_the_rounding_bound(void **state) {
     }
 }
 
+/// a + f c a hair from the middle between two floats: rounded once it goes the right way, rounded
+/// to double precision (or to single, as a product) first it becomes a tie and goes to the even
+/// one.
+static void every_term_is_rounded_once(void **state) {
+    (void)state;
+    const float sums[] = {1.0f + 0x1p-23f, 1.0f + 0x3p-23f, -(1.0f + 0x1p-23f), -(1.0f + 0x3p-23f)};
+    const float factors[] = {1.0f, -1.0f, -1.0f, 1.0f};
+    enum { CASES = 4, ROWS = 32 };
+    float *block = aligned_alloc(64, 2 * ROWS * sizeof *block);
+    float *out = aligned_alloc(64, ROWS * sizeof *out);
+    assert_non_null(block);
+    assert_non_null(out);
+    for (int k = 0; k < CASES; k++) {
+        for (int i = 0; i < ROWS; i++) {
+            block[i] = sums[k];
+            block[ROWS + i] = factors[k] * (1.0f - 0x1p-15f);
+        }
+        const float f32[] = {1.0f, 0x1p-24f * (1.0f + 0x1p-15f)};
+        // the test's own premise: twice rounded is not the same
+        assert_true((float)((double)sums[k] + (double)f32[1] * (double)block[ROWS]) != sums[k]);
+        for (int isa = 0; isa < PALPATE_ISA_COUNT; isa++) {
+            if (pal_field_available((pal_isa)isa)) {
+                const pal_field_job job = {.precision = PALPATE_PRECISION_SINGLE,
+                                           .block = block,
+                                           .ld = ROWS,
+                                           .rows = ROWS,
+                                           .count = 2,
+                                           .f32 = f32,
+                                           .out = out};
+                pal_field_sweep((pal_isa)isa, &job);
+                for (int i = 0; i < ROWS; i++) {
+                    assert_true(out[i] == sums[k]);
+                }
+            }
+        }
+    }
+    free(block);
+    free(out);
+}
+
 static void no_force_gives_zero(void **state) {
     (void)state;
     fixture x;
@@ -232,10 +272,15 @@ static void best_is_available_and_named(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(variants_agree_single), cmocka_unit_test(variants_agree_half),
-        cmocka_unit_test(variants_agree_double), cmocka_unit_test(variants_agree_scaled),
-        cmocka_unit_test(sums_can_be_continued), cmocka_unit_test(sum_is_within_the_rounding_bound),
-        cmocka_unit_test(no_force_gives_zero),   cmocka_unit_test(best_is_available_and_named),
+        cmocka_unit_test(variants_agree_single),
+        cmocka_unit_test(variants_agree_half),
+        cmocka_unit_test(variants_agree_double),
+        cmocka_unit_test(variants_agree_scaled),
+        cmocka_unit_test(sums_can_be_continued),
+        cmocka_unit_test(sum_is_within_the_rounding_bound),
+        cmocka_unit_test(every_term_is_rounded_once),
+        cmocka_unit_test(no_force_gives_zero),
+        cmocka_unit_test(best_is_available_and_named),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
