@@ -64,35 +64,62 @@ static void sweep_scalar(const pal_field_job *job) {
     }
 }
 
-/// a = f c + a rounded once, for processors without the instruction: the product is exact in double
-/// precision, its sum with a is rounded there to odd (Boldo and Melquiond, Emulation of FMA and
-/// correctly rounded sums, IEEE Trans. Comput. 57, 2008), which no second rounding can mistake for
-/// a tie.
 typedef float portable_floats __attribute__((vector_size(16), aligned(4), may_alias));
-typedef double portable_wide __attribute__((vector_size(32)));
-typedef int64_t portable_bits __attribute__((vector_size(32)));
+
+/// f c + a rounded once. Every processor but the older ones of x86 has the instruction; there the
+/// product is exact in double precision, and so twice rounded is once rounded unless the sum in
+/// double precision is a tie of single precision or below its normal numbers. Then the sum is
+/// rounded to odd (Boldo and Melquiond, Emulation of FMA and correctly rounded sums, IEEE Trans.
+/// Comput. 57, 2008), which the second rounding cannot mistake for a tie.
+#if defined(__x86_64__)
+static __m128d odd_sum(__m128d p, __m128d a) {
+    const __m128i one = _mm_set1_epi64x(1);
+    __m128d s = _mm_add_pd(p, a), part = _mm_sub_pd(s, p);
+    // s + rest = p + a exactly (Knuth)
+    __m128d rest = _mm_add_pd(_mm_sub_pd(p, _mm_sub_pd(s, part)), _mm_sub_pd(a, part));
+    __m128i bits = _mm_castpd_si128(s);
+    // inexact with an even last bit: the odd neighbour towards the rest
+    __m128d square = _mm_mul_pd(rest, rest); // NaN where the sum is infinite: stays so
+    __m128i move = _mm_and_si128(_mm_castpd_si128(_mm_cmplt_pd(_mm_setzero_pd(), square)),
+                                 _mm_andnot_si128(bits, one));
+    __m128i away = _mm_srli_epi64(_mm_xor_si128(bits, _mm_castpd_si128(rest)), 63);
+    __m128i back = _mm_and_si128(move, away);
+    return _mm_castsi128_pd(_mm_sub_epi64(_mm_add_epi64(bits, move), _mm_add_epi64(back, back)));
+}
 
 static inline portable_floats portable_fuse(portable_floats f, portable_floats c,
                                             portable_floats a) {
-#if defined(__FP_FAST_FMAF)
+    __m128 x = (__m128)f, y = (__m128)c, z = (__m128)a;
+    __m128d product[2] = {
+        _mm_mul_pd(_mm_cvtps_pd(x), _mm_cvtps_pd(y)),
+        _mm_mul_pd(_mm_cvtps_pd(_mm_movehl_ps(x, x)), _mm_cvtps_pd(_mm_movehl_ps(y, y)))};
+    __m128d before[2] = {_mm_cvtps_pd(z), _mm_cvtps_pd(_mm_movehl_ps(z, z))};
+    __m128d low = _mm_add_pd(product[0], before[0]), high = _mm_add_pd(product[1], before[1]);
+    __m128 sum = _mm_movelh_ps(_mm_cvtpd_ps(low), _mm_cvtpd_ps(high));
+    // the 29 bits that single precision has not, and its exponent
+    const __m128i dropped = _mm_set1_epi32(0x1fffffff), tie = _mm_set1_epi32(0x10000000);
+    __m128i rest =
+        _mm_and_si128(_mm_castps_si128(_mm_shuffle_ps(_mm_castpd_ps(low), _mm_castpd_ps(high),
+                                                      _MM_SHUFFLE(2, 0, 2, 0))),
+                      dropped);
+    __m128i exponent = _mm_and_si128(_mm_castps_si128(sum), _mm_set1_epi32(0x7f800000));
+    __m128i doubtful =
+        _mm_or_si128(_mm_cmpeq_epi32(rest, tie), _mm_cmpeq_epi32(exponent, _mm_setzero_si128()));
+    if (__builtin_expect(_mm_movemask_epi8(doubtful) != 0, 0)) {
+        sum = _mm_movelh_ps(_mm_cvtpd_ps(odd_sum(product[0], before[0])),
+                            _mm_cvtpd_ps(odd_sum(product[1], before[1])));
+    }
+    return (portable_floats)sum;
+}
+#else
+static inline portable_floats portable_fuse(portable_floats f, portable_floats c,
+                                            portable_floats a) {
     for (int i = 0; i < 4; i++) {
         a[i] = __builtin_fmaf(f[i], c[i], a[i]);
     }
     return a;
-#else
-    portable_wide p =
-        __builtin_convertvector(f, portable_wide) * __builtin_convertvector(c, portable_wide);
-    portable_wide b = __builtin_convertvector(a, portable_wide), s = p + b;
-    portable_wide part = s - p, rest = (p - (s - part)) + (b - part); // s + rest = p + b (Knuth)
-    portable_bits bits = (portable_bits)s, down = (s < 0);
-    portable_bits above = (rest > 0), below = (rest < 0);
-    // inexact with an even last bit: the odd neighbour towards the rest
-    portable_bits even = (bits & 1) - 1;
-    bits += even & ((above & ~down) | (below & down)) & 1;
-    bits -= even & ((below & ~down) | (above & down)) & 1;
-    return __builtin_convertvector((portable_wide)bits, portable_floats);
-#endif
 }
+#endif
 
 #define SWEEP(name) sweep_portable_##name
 #define SWEEP_TARGET

@@ -246,6 +246,30 @@ static void every_term_is_rounded_once(void **state) {
     free(out);
 }
 
+/// Sums below the normal numbers of single precision have fewer bits to round to.
+static void variants_agree_below_the_normal_numbers(void **state) {
+    (void)state;
+    fixture x;
+    make(&x, PALPATE_PRECISION_SINGLE);
+    for (int64_t i = 0; i < LD * COLUMNS; i++) {
+        ((float *)x.block)[i] *= 0x1p-127f;
+    }
+    pal_field_job job = job_of(&x, PALPATE_PRECISION_SINGLE, LD, 21);
+    int small = 0;
+    for (int isa = 0; isa < PALPATE_ISA_COUNT; isa++) {
+        if (pal_field_available((pal_isa)isa)) {
+            job.out = x.out[isa];
+            pal_field_sweep((pal_isa)isa, &job);
+            assert_memory_equal(x.out[isa], x.out[0], LD * sizeof(float));
+        }
+    }
+    for (int i = 0; i < LD; i++) {
+        small += fpclassify(x.out[0][i]) == FP_SUBNORMAL;
+    }
+    assert_true(small > LD / 10);
+    drop(&x);
+}
+
 static void no_force_gives_zero(void **state) {
     (void)state;
     fixture x;
@@ -279,6 +303,7 @@ int main(void) {
         cmocka_unit_test(sums_can_be_continued),
         cmocka_unit_test(sum_is_within_the_rounding_bound),
         cmocka_unit_test(every_term_is_rounded_once),
+        cmocka_unit_test(variants_agree_below_the_normal_numbers),
         cmocka_unit_test(no_force_gives_zero),
         cmocka_unit_test(best_is_available_and_named),
     };
