@@ -165,8 +165,8 @@ static void compute_compressed(pal_isa isa, const pal_model *model, int32_t coun
     }
 }
 
-void pal_field_compute(pal_isa isa, const pal_model *model, int32_t count, const int32_t *dof,
-                       const double *f, const float *f32, void *scratch_block, float *out) {
+static void compute(pal_isa isa, const pal_model *model, int32_t count, const int32_t *dof,
+                    const double *f, const float *f32, void *scratch_block, float *out) {
     if (model->bases != NULL) {
         scratch s;
         (void)lay_out(model, scratch_block, &s);
@@ -183,6 +183,26 @@ void pal_field_compute(pal_isa isa, const pal_model *model, int32_t count, const
                                .f32 = f32,
                                .out = out};
     pal_field_sweep(isa, &job);
+}
+
+void pal_field_compute(pal_isa isa, const pal_model *model, int32_t count, const int32_t *dof,
+                       const double *f, const float *f32, void *scratch_block, float *out) {
+    // a column without a force adds nothing: on a flat face along an axis, touched without
+    // friction, these are two in three
+    enum { SKIP_MAX = 384 };
+    int32_t kept_dof[SKIP_MAX], kept = 0;
+    double kept_f[SKIP_MAX];
+    float kept_f32[SKIP_MAX];
+    for (int32_t k = 0; k < count && count <= SKIP_MAX; k++) {
+        if (f[k] != 0.0) {
+            kept_dof[kept] = dof[k];
+            kept_f[kept] = f[k];
+            kept_f32[kept++] = f32[k];
+        }
+    }
+    int some = count <= SKIP_MAX && kept < count;
+    compute(isa, model, some ? kept : count, some ? kept_dof : dof, some ? kept_f : f,
+            some ? kept_f32 : f32, scratch_block, out);
 }
 
 // ---- Cost ---------------------------------------------------------------------------------------

@@ -19,8 +19,9 @@ PALPATE_API size_t pal_field_scratch_bytes(const pal_model *model);
 /// @param f32    f x pal_model_unit(dof) rounded to single precision, shape [count]
 /// @param scratch  pal_field_scratch_bytes, 64-byte aligned; may be NULL when that is 0
 /// @param[out] out  [m], shape [pal_field_floats], 64-byte aligned
-/// Thread: any, with a scratch of its own; no allocation, no system call, no lock. The same bits
-/// with every variant of the kernel.
+/// Columns whose force is exactly 0 are not read (up to 384 dofs). Compressed rows take what is
+/// left. Thread: any, with a scratch of its own; no allocation, no system call, no lock. The same
+/// bits with every variant of the kernel.
 PALPATE_API void pal_field_compute(pal_isa isa, const pal_model *model, int32_t count,
                                    const int32_t *dof, const double *f, const float *f32,
                                    void *scratch, float *out);
