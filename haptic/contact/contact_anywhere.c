@@ -137,6 +137,7 @@ static size_t anywhere_bytes(const pal_model *model, const pal_contact_def *def)
            pal_working_set_bytes(model, node_capacity(model, def)) +
            pal_block_padded(points * sizeof(anywhere_point)) +
            pal_block_padded(points * sizeof(anywhere_held)) +
+           pal_block_padded(points * sizeof(pal_surface_point)) +
            pal_block_padded((rows * y_stride(model, def) + 1) * sizeof(double)) +
            5 * pal_block_padded((points + 4) * sizeof(double)) +
            pal_block_padded(12 * points * sizeof(double)) +
@@ -203,6 +204,7 @@ static void *anywhere_init(void *memory, const pal_model *model, const pal_conta
         pal_block_take(&at, pal_working_set_bytes(model, node_capacity(model, def))));
     law->point = pal_block_take(&at, points * sizeof *law->point);
     law->held = pal_block_take(&at, points * sizeof *law->held);
+    law->place = pal_block_take(&at, points * sizeof *law->place);
     law->y = pal_block_take(&at, (rows * y_stride(model, def) + 1) * sizeof(double));
     double **around[] = {&law->around.x, &law->around.y, &law->around.z, &law->around.width,
                          &law->around.near};
@@ -353,7 +355,8 @@ static void anywhere_solve(void *self, const pal_contact_tool tools[], pal_conta
         } else {
             tool->held_count = 0;
             for (int32_t k = 0; k < tool->stations; k++) {
-                tool->station[k].known = tool->station[k].engaged = 0;
+                anywhere_station *s = &tool->station[k];
+                s->known = s->engaged = s->laid = 0;
             }
         }
     }

@@ -33,6 +33,7 @@ typedef struct anywhere_station {
     int known;            ///< centre and outside are those of the last tick
     int outside;          ///< the centre was outside the body, or came from there
     int engaged;          ///< it touches
+    int laid;             ///< its points were laid out in the last tick: law->place holds
     double drag[3]; ///< friction: mean displacement of the body under it, along the surface [m]
     double stuck;   ///< friction: part of the normal force on points that stick
     // ---- of this tick
@@ -113,8 +114,9 @@ typedef struct anywhere_law {
     int32_t points;
     int32_t dropped; ///< points left out in this tick
     uint32_t fault[PALPATE_TOOLS_MAX];
-    anywhere_point *point; ///< shape [capacity]
-    anywhere_held *held;   ///< of all tools, shape [capacity]
+    anywhere_point *point;    ///< shape [capacity]
+    anywhere_held *held;      ///< of all tools, shape [capacity]
+    pal_surface_point *place; ///< by identity: in the last tick, shape [capacity]
     // ---- contact_system.c
     int32_t rows;
     int32_t ld; ///< of y

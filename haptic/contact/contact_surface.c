@@ -15,6 +15,7 @@
 #include "haptic/contact/contact_surface.h"
 
 enum { NEWTON = 10, STACK = 64, VISITS = 2 * PALPATE_REST_TESTS };
+static const double LAST = 1e-6;      // of barycentrics: a step after which Newton is done
 static const double TOLERANCE = 1e-9; // of barycentrics: shared edges belong to both sides
 
 // ---- Small helpers ------------------------------------------------------------------------------
@@ -78,14 +79,21 @@ static void patch_slopes(const patch *k, const double b[3], double u[3], double 
     }
 }
 
+// not fmin(), fmax(): calls into libm
+static double larger(double a, double b) {
+    return a > b ? a : b;
+}
+
+/// NaN when b[0] is: comparisons with it fail.
 static double lowest(const double b[3]) {
-    return fmin(b[0], fmin(b[1], b[2]));
+    double low = b[1] < b[0] ? b[1] : b[0];
+    return b[2] < low ? b[2] : low;
 }
 
 static void clip(double b[3]) {
     double sum = 0.0;
     for (int i = 0; i < 3; i++) {
-        b[i] = fmax(b[i], 0.0);
+        b[i] = larger(b[i], 0.0);
         sum += b[i];
     }
     for (int i = 0; i < 3; i++) {
@@ -137,9 +145,9 @@ static int solve_patch(const patch *k, const double p[3], double b[3], double *s
         b[2] += step[1];
         b[0] = 1.0 - b[1] - b[2];
         *s += step[2];
-        double moved = fmax(fabs(step[0]), fabs(step[1])), low = lowest(b);
+        double moved = larger(fabs(step[0]), fabs(step[1])), low = lowest(b);
         if (moved < 1e-8) {
-            return low < -TOLERANCE ? 0 : det > 0.0 ? 1 : -1;
+            return !(low >= -TOLERANCE) ? 0 : det > 0.0 ? 1 : -1;
         }
         // far outside and not coming back
         if (n > 0 && !patient && (low < -2.0 || moved < -0.5 * (low + 0.2))) {
@@ -300,7 +308,7 @@ static void offer_triangle(search *q, int32_t t) {
 static double box_distance(const pal_rest_box *box, const double p[3]) {
     double sum = 0.0;
     for (int i = 0; i < 3; i++) {
-        double d = fmax(fmax(box->low[i] - p[i], p[i] - box->high[i]), 0.0);
+        double d = larger(larger(box->low[i] - p[i], p[i] - box->high[i]), 0.0);
         sum += d * d;
     }
     return sum;
@@ -448,10 +456,9 @@ int pal_rest_track(const pal_rest_surface *surface, const double p[3], double re
 
 typedef struct line {
     const pal_rest_surface *surface;
-    const double *origin, *direction;
-    double across[2][3]; ///< unit, normal to the direction
-    double over[3];      ///< 1 / direction; HUGE_VAL where that is 0
-    double least;        ///< |t| of the best hit
+    const pal_rest_aim *aim;
+    const double *origin;
+    double least; ///< |t| of the best hit
     double min_cosine;
     pal_surface_point *out;
 } line;
@@ -461,13 +468,13 @@ static double box_entry(const line *q, const pal_rest_box *box) {
     double from = -q->least, to = q->least;
     for (int i = 0; i < 3; i++) {
         double low = box->low[i] - q->origin[i], high = box->high[i] - q->origin[i];
-        if (q->over[i] == HUGE_VAL) {
+        if (q->aim->over[i] == HUGE_VAL) {
             if (low > 0.0 || high < 0.0) {
                 return -1.0;
             }
             continue;
         }
-        double a = low * q->over[i], b = high * q->over[i];
+        double a = low * q->aim->over[i], b = high * q->aim->over[i];
         from = fmax(from, fmin(a, b));
         to = fmin(to, fmax(a, b));
     }
@@ -494,28 +501,49 @@ static void across(const double d[3], double u[3], double v[3]) {
     v[2] = d[0] * u[1] - d[1] * u[0];
 }
 
-/// Newton from b: where the line meets the patch continued beyond its edges. @return 1: inside; 0:
-/// outside (b tells where to), or no convergence
+/// A patch as the line sees it: corners and bends across the direction, from the origin.
+typedef struct flat {
+    double p[3][2], c[3][2];
+} flat;
+
+static inline flat flat_of(const line *q, const patch *k) {
+    const double *e = q->aim->across[0], *f = q->aim->across[1];
+    flat out;
+    for (int c = 0; c < 3; c++) {
+        double d[3] = {k->p[c][0] - q->origin[0], k->p[c][1] - q->origin[1],
+                       k->p[c][2] - q->origin[2]};
+        out.p[c][0] = dot(d, e);
+        out.p[c][1] = dot(d, f);
+        out.c[c][0] = dot(k->c + 3 * c, e);
+        out.c[c][1] = dot(k->c + 3 * c, f);
+    }
+    return out;
+}
+
+/// Newton from b: where the line meets the patch continued beyond its edges. Quadratic: after a
+/// step below LAST what is left is below rounding. @return 1: inside; 0: outside (b tells where
+/// to), or no convergence
 static int solve_line(const line *q, const patch *k, double b[3]) {
+    const flat g = flat_of(q, k);
     for (int n = 0; n < NEWTON; n++) {
-        double x[3], u[3], v[3];
-        patch_position(k, b, x);
-        patch_slopes(k, b, u, v);
-        for (int i = 0; i < 3; i++) {
-            x[i] = q->origin[i] - x[i];
+        double x[2], u[2], v[2], b01 = b[0] * b[1], b12 = b[1] * b[2], b20 = b[2] * b[0];
+        for (int i = 0; i < 2; i++) {
+            double c01 = g.c[0][i], c12 = g.c[1][i], c20 = g.c[2][i];
+            x[i] = b[0] * g.p[0][i] + b[1] * g.p[1][i] + b[2] * g.p[2][i] + b01 * c01 + b12 * c12 +
+                   b20 * c20;
+            u[i] = g.p[1][i] - g.p[0][i] + (b[0] - b[1]) * c01 + b[2] * (c12 - c20);
+            v[i] = g.p[2][i] - g.p[0][i] + (b[0] - b[2]) * c20 + b[1] * (c12 - c01);
         }
-        const double *e = q->across[0], *f = q->across[1];
-        double a11 = dot(u, e), a12 = dot(v, e), a21 = dot(u, f), a22 = dot(v, f);
-        double det = a11 * a22 - a12 * a21, r1 = dot(x, e), r2 = dot(x, f);
+        double det = u[0] * v[1] - v[0] * u[1];
         if (!(fabs(det) > 0.0)) {
             return 0;
         }
-        double s1 = (r1 * a22 - a12 * r2) / det, s2 = (a11 * r2 - r1 * a21) / det;
+        double s1 = (v[0] * x[1] - x[0] * v[1]) / det, s2 = (x[0] * u[1] - u[0] * x[1]) / det;
         b[1] += s1;
         b[2] += s2;
         b[0] = 1.0 - b[1] - b[2];
-        double moved = fmax(fabs(s1), fabs(s2)), low = lowest(b);
-        if (moved < 1e-8) {
+        double moved = larger(fabs(s1), fabs(s2)), low = lowest(b);
+        if (moved < LAST) {
             return low >= -TOLERANCE;
         }
         if (n > 0 && !(low > -2.0 && moved > -0.5 * (low + 0.2))) {
@@ -532,9 +560,9 @@ static int take_hit(line *q, int32_t t, double b[3]) {
     pal_rest_point(q->surface, t, b, &point);
     double d[3] = {point.position[0] - q->origin[0], point.position[1] - q->origin[1],
                    point.position[2] - q->origin[2]};
-    point.distance = dot(d, q->direction);
+    point.distance = dot(d, q->aim->direction);
     double far = fabs(point.distance);
-    if (dot(point.normal, q->direction) > q->min_cosine &&
+    if (dot(point.normal, q->aim->direction) > q->min_cosine &&
         (far < q->least || (far == q->least && (q->out->triangle < 0 || t < q->out->triangle)))) {
         q->least = far;
         *q->out = point;
@@ -551,12 +579,12 @@ static void hit_triangle(line *q, int32_t t) {
     }
 }
 
-/// From triangle t across the edges towards the line. @return 1: a hit was found that way
-static int walk_to_line(line *q, int32_t t) {
+/// From b of triangle t across the edges towards the line. @return 1: a hit was found that way
+static int walk_to_line(line *q, int32_t t, const double from[3]) {
     int32_t last = -1;
+    double b[3] = {from[0], from[1], from[2]};
     for (int n = 0; n < PALPATE_REST_STEPS; n++) {
         patch k = patch_of(q->surface, t);
-        double b[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3};
         if (solve_line(q, &k, b)) {
             return take_hit(q, t, b);
         }
@@ -568,32 +596,57 @@ static int walk_to_line(line *q, int32_t t) {
         }
         last = t;
         t = other / 3;
+        b[0] = b[1] = b[2] = 1.0 / 3;
     }
     return 0;
+}
+
+int pal_rest_aim_at(const double direction[3], pal_rest_aim *out) {
+    memcpy(out->direction, direction, sizeof out->direction);
+    if (!(fabs(dot(direction, direction) - 1.0) < 1e-6)) {
+        return 0;
+    }
+    across(direction, out->across[0], out->across[1]);
+    for (int i = 0; i < 3; i++) {
+        out->over[i] = fabs(direction[i]) < 1e-12 ? HUGE_VAL : 1.0 / direction[i];
+    }
+    return 1;
+}
+
+int pal_rest_follow(const pal_rest_surface *surface, const pal_rest_aim *aim,
+                    const double origin[3], double reach, double min_cosine,
+                    const pal_surface_point *from, pal_surface_point *out) {
+    line q = {.surface = surface,
+              .aim = aim,
+              .origin = origin,
+              .least = reach,
+              .min_cosine = min_cosine,
+              .out = out};
+    int32_t t = from->triangle;
+    double b[3] = {from->weight[0], from->weight[1], from->weight[2]};
+    *out = (pal_surface_point){.triangle = -1};
+    return t >= 0 && t < surface->triangle_count && walk_to_line(&q, t, b);
 }
 
 int pal_rest_project(const pal_rest_surface *surface, const double origin[3],
                      const double direction[3], double reach, double min_cosine, int32_t hint,
                      pal_surface_point *out) {
+    pal_rest_aim aim;
     line q = {.surface = surface,
+              .aim = &aim,
               .origin = origin,
-              .direction = direction,
               .least = reach,
               .min_cosine = min_cosine,
               .out = out};
     int32_t stack[STACK], depth = 1, tests = 0;
+    const double third[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3};
     *out = (pal_surface_point){.triangle = -1};
-    double length = dot(direction, direction);
     if (surface->triangle_count == 0 || !isfinite(origin[0] + origin[1] + origin[2]) ||
-        !(fabs(length - 1.0) < 1e-6) || !(reach > 0.0)) {
+        !pal_rest_aim_at(direction, &aim) || !(reach > 0.0)) {
         return 0;
     }
-    across(direction, q.across[0], q.across[1]);
-    if (hint >= 0 && hint < surface->triangle_count && walk_to_line(&q, hint)) {
+    if (hint >= 0 && hint < surface->triangle_count && walk_to_line(&q, hint, third)) {
         return 1;
-    }
-    for (int i = 0; i < 3; i++) {
-        q.over[i] = fabs(direction[i]) < 1e-12 ? HUGE_VAL : 1.0 / direction[i];
     }
     stack[0] = 0;
     while (depth > 0 && tests < PALPATE_REST_TESTS) {

@@ -121,6 +121,22 @@ int pal_rest_project(const pal_rest_surface *surface, const double origin[3],
                      const double direction[3], double reach, double min_cosine, int32_t hint,
                      pal_surface_point *out);
 
+/// A direction for many lines.
+typedef struct pal_rest_aim {
+    double direction[3], across[2][3], over[3];
+} pal_rest_aim;
+
+/// @return 1; 0: `direction` is not of length 1
+int pal_rest_aim_at(const double direction[3], pal_rest_aim *out);
+
+/// The walk of pal_rest_project alone, from a place near the hit (that of the last tick, or the
+/// contact's foot): two or three Newton steps where it is in the same triangle.
+/// @param[in] from  triangle and weight are read; -1: none; may be `out`
+/// @return 1 hit; 0: the walk came to none (out->triangle = -1)
+int pal_rest_follow(const pal_rest_surface *surface, const pal_rest_aim *aim,
+                    const double origin[3], double reach, double min_cosine,
+                    const pal_surface_point *from, pal_surface_point *out);
+
 /// Fill position, normal and inside at triangle, weight (>= 0, sum 1); distance is set to 0.
 void pal_rest_point(const pal_rest_surface *surface, int32_t triangle, const double weight[3],
                     pal_surface_point *out);

@@ -354,26 +354,31 @@ int32_t pal_anywhere_distribute(anywhere_law *law) {
     memset(law->nodal, 0, 3 * (size_t)set->count * sizeof *law->nodal);
     for (int32_t p = 0; p < law->points; p++) {
         const anywhere_point *point = &law->point[p];
-        double sum[3] = {0.0, 0.0, 0.0};
+        double x = 0.0, y = 0.0, z = 0.0;
         for (int32_t a = 0; a < point->rows; a++) {
-            for (int i = 0; i < 3; i++) {
-                sum[i] += law->z[point->first + a] * point->along[a][i];
-            }
+            double f = law->z[point->first + a];
+            x += f * point->along[a][0];
+            y += f * point->along[a][1];
+            z += f * point->along[a][2];
+        }
+        if (x == 0.0 && y == 0.0 && z == 0.0) {
+            continue;
         }
         for (int32_t k = 0; k < point->phi.count; k++) {
-            double *f = law->nodal + 3 * (size_t)point->slot[k];
-            for (int i = 0; i < 3; i++) {
-                f[i] += point->phi.phi[k] * sum[i];
-            }
+            double *f = law->nodal + 3 * (size_t)point->slot[k], phi = point->phi.phi[k];
+            f[0] += phi * x;
+            f[1] += phi * y;
+            f[2] += phi * z;
         }
     }
     int32_t count = 0;
     for (int32_t s = 0; s < set->count; s++) {
         const double *f = law->nodal + 3 * (size_t)s;
-        for (int i = 0; i < 3 && (f[0] != 0.0 || f[1] != 0.0 || f[2] != 0.0); i++) {
-            law->dof[count] = 3 * set->column[s] + i;
-            law->force[count++] = f[i];
+        for (int i = 0; i < 3; i++) {
+            law->dof[count + i] = 3 * set->column[s] + i;
+            law->force[count + i] = f[i];
         }
+        count += f[0] != 0.0 || f[1] != 0.0 || f[2] != 0.0 ? 3 : 0;
     }
     return count;
 }

@@ -14,8 +14,10 @@
 /// (contact_system.c).
 ///
 /// Points. Pattern places a (u e1 + v e2) around c, a = pal_pattern_radius(R, D), are moved along n
-/// onto the surface: x_i with its own normal n_i. The gap of x_i is the height of the tool's solid
-/// over it along n, times n.n_i. e1 is carried along the surface without turning about n.
+/// onto the surface: x_i with its own normal n_i, looked for from where it was in the last tick (on
+/// the branch of the foot: forgotten when that was lost). The gap of x_i is the height of the
+/// tool's solid over it along n, times n.n_i. e1 is carried along the surface without turning about
+/// n.
 #include <string.h>
 
 #include "haptic/contact/contact_anywhere.h"
@@ -156,7 +158,25 @@ static void add_point(anywhere_law *law, int32_t t, const anywhere_station *s, i
     law->points += point->width > 0.0;
 }
 
-static void spread(anywhere_law *law, int32_t t, anywhere_station *s, double ball, double depth) {
+/// Where the line through `origin` meets the surface: from point k's own place in the last tick
+/// when it has one, else from the foot, else wherever. @return 1; 0 without one
+static int find_place(anywhere_law *law, const anywhere_station *s, int32_t k,
+                      const pal_rest_aim *aim, const double origin[3], double reach, int laid,
+                      pal_surface_point *at) {
+    pal_surface_point *last = &law->place[s->first + k];
+    if ((laid && pal_rest_follow(&law->surface, aim, origin, reach, TURN_MIN, last, at)) ||
+        pal_rest_follow(&law->surface, aim, origin, reach, TURN_MIN, &s->at, at) ||
+        pal_rest_project(&law->surface, origin, aim->direction, reach, TURN_MIN, -1, at)) {
+        *last = *at;
+        return 1;
+    }
+    last->triangle = -1;
+    return 0;
+}
+
+/// @param laid  the points were laid out in the last tick, on the branch of the foot
+static void spread(anywhere_law *law, int32_t t, anywhere_station *s, double ball, double depth,
+                   int laid) {
     const anywhere_tool *tool = &law->tool[t];
     double a = pal_pattern_radius(&tool->pattern, ball, depth);
     if (s->points == 1) {
@@ -169,6 +189,9 @@ static void spread(anywhere_law *law, int32_t t, anywhere_station *s, double bal
     }
     const double *n = s->at.normal, *e = s->across;
     double f[3] = {n[1] * e[2] - n[2] * e[1], n[2] * e[0] - n[0] * e[2], n[0] * e[1] - n[1] * e[0]};
+    double reach = 2.0 * ball + a;
+    pal_rest_aim aim;
+    int aimed = pal_rest_aim_at(n, &aim);
     for (int32_t k = 0; k < s->points; k++) {
         const double *uv = tool->pattern.at[k];
         pal_surface_point at = s->at;
@@ -177,8 +200,7 @@ static void spread(anywhere_law *law, int32_t t, anywhere_station *s, double bal
             for (int i = 0; i < 3; i++) {
                 origin[i] = s->at.position[i] + a * (uv[0] * e[i] + uv[1] * f[i]);
             }
-            if (!pal_rest_project(&law->surface, origin, n, 2.0 * ball + a, TURN_MIN,
-                                  s->at.triangle, &at)) {
+            if (!aimed || !find_place(law, s, k, &aim, origin, reach, laid, &at)) {
                 continue;
             }
         }
@@ -203,7 +225,9 @@ void pal_anywhere_touch(anywhere_law *law, int32_t t) {
             from[i] = p[i] + s->shift[i] + (lift != 0.0 ? lift * s->at.normal[i] : 0.0);
         }
         int found = find_foot(law, s, from, ball);
+        int laid = s->laid && s->engaged; // still: the foot was followed
         s->depth = 0.0;
+        s->laid = 0;
         if (!found) {
             s->engaged = 0;
             continue;
@@ -222,6 +246,7 @@ void pal_anywhere_touch(anywhere_law *law, int32_t t) {
         if (tool->held_count > 0) {
             continue;
         }
-        spread(law, t, s, ball, balanced_depth(depth, ball, law->modulus, tool->yield));
+        spread(law, t, s, ball, balanced_depth(depth, ball, law->modulus, tool->yield), laid);
+        s->laid = 1;
     }
 }

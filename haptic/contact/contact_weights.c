@@ -64,6 +64,8 @@ static size_t place(const pal_model *model, pal_weights_table *table, int32_t **
     PALPATE_BLOCK_PLACE(memory, at, table->count, lists * sizeof(int32_t));
     PALPATE_BLOCK_PLACE(memory, at, table->candidate,
                         lists * PALPATE_WEIGHTS_CANDIDATES * sizeof(int32_t));
+    PALPATE_BLOCK_PLACE(memory, at, table->away,
+                        lists * PALPATE_WEIGHTS_CANDIDATES * sizeof(float));
     PALPATE_BLOCK_PLACE(memory, at, *mark, (size_t)model->info.surface_count * sizeof(int32_t));
     return at;
 }
@@ -254,6 +256,8 @@ static void fill_list(pal_weights_table *table, int32_t t, int32_t list, int32_t
         table->near[list] += away(s, found[i], x) <= near * near;
         table->candidate[(size_t)list * PALPATE_WEIGHTS_CANDIDATES + (size_t)i] =
             column_of(table->model, found[i]);
+        table->away[(size_t)list * PALPATE_WEIGHTS_CANDIDATES + (size_t)i] =
+            (float)(sqrt(away(s, found[i], x)) * (1.0 - 1e-6)); // a lower bound in single too
     }
 }
 
@@ -331,49 +335,136 @@ static void fit(pal_weights *out, double q[][2]) {
     }
 }
 
+/// The candidates that count, and how far they are.
+typedef struct nearest {
+    int32_t count;
+    int32_t column[PALPATE_WEIGHTS_MAX + 1];
+    double r[PALPATE_WEIGHTS_MAX + 1];
+} nearest;
+
+/// Place of the largest r, without a branch to guess wrong.
+static int32_t farthest(const nearest *n) {
+    int32_t far = 0;
+    double r = n->r[0];
+    for (int32_t k = 1; k < n->count; k++) {
+        far = n->r[k] > r ? k : far;
+        r = n->r[k] > r ? n->r[k] : r;
+    }
+    return far;
+}
+
+/// The `nodes` + 1 nearest of a triangle's candidates (fewer where more face the other way).
+/// Candidates come by their distance from the triangle's middle, so that the rest of them is too
+/// far once that is; r is not less than the plain distance, which costs no root.
+/// @return support radius: the largest r; a little beyond it where there are no more nodes
+static double find_nearest(const pal_weights_table *table, const pal_surface_point *at,
+                           const double n[3], int32_t list, nearest *out) {
+    const pal_rest_surface *s = table->surface;
+    const int32_t *candidate = table->candidate + (size_t)list * PALPATE_WEIGHTS_CANDIDATES;
+    const float *apart = table->away + (size_t)list * PALPATE_WEIGHTS_CANDIDATES;
+    const int32_t *v = s->triangle + 3 * (size_t)at->triangle;
+    const double slack = 1.0 + 1e-9, *x = at->position; // above all rounding
+    const double *p0 = s->position + 3 * (size_t)v[0], *p1 = s->position + 3 * (size_t)v[1],
+                 *p2 = s->position + 3 * (size_t)v[2];
+    int32_t most = table->nodes + 1, near = table->near[list], k = 0, last = 0;
+    out->count = 0;
+    for (; k < near && out->count < most; k++) {
+        double r = reach_of(s, table->model->column_node[candidate[k]], x, n);
+        out->r[out->count] = r;
+        out->column[out->count] = candidate[k];
+        out->count += r < HUGE_VAL;
+    }
+    if (out->count == 0) {
+        return 0.0;
+    }
+    last = farthest(out);
+    if (out->count < most) {
+        return 1.25 * out->r[last];
+    }
+    double square = 0.0, third = 1.0 / 3.0;
+    for (int i = 0; i < 3; i++) {
+        double d = x[i] - (p0[i] + p1[i] + p2[i]) * third;
+        square += d * d;
+    }
+    double off = sqrt(square) * slack, most_r = out->r[last], limit = most_r * slack + off;
+    for (; k < near && (double)apart[k] <= limit; k++) {
+        int32_t node = table->model->column_node[candidate[k]];
+        const double *y = s->position + 3 * (size_t)node;
+        double d[3] = {y[0] - x[0], y[1] - x[1], y[2] - x[2]};
+        if (dot(d, d) > most_r * most_r * slack) {
+            continue;
+        }
+        double r = reach_of(s, node, x, n);
+        if (r < most_r) {
+            out->r[last] = r;
+            out->column[last] = candidate[k];
+            last = farthest(out);
+            most_r = out->r[last];
+            limit = most_r * slack + off;
+        }
+    }
+    return most_r;
+}
+
+/// The same of all candidates, for a support radius wanted: those within it.
+static double find_within(const pal_weights_table *table, const pal_surface_point *at,
+                          const double n[3], int32_t list, double radius, nearest *out) {
+    const int32_t *candidate = table->candidate + (size_t)list * PALPATE_WEIGHTS_CANDIDATES;
+    double r[PALPATE_WEIGHTS_CANDIDATES], scratch[PALPATE_WEIGHTS_CANDIDATES];
+    int32_t count = table->count[list];
+    for (int32_t k = 0; k < count; k++) {
+        r[k] = reach_of(table->surface, table->model->column_node[candidate[k]], at->position, n);
+    }
+    double own = support(r, count, table->nodes, scratch);
+    if (radius > own) {
+        own = fmax(own, fmin(radius, support(r, count, PALPATE_WEIGHTS_MAX, scratch)));
+    }
+    out->count = 0;
+    for (int32_t k = 0; k < count && out->count <= PALPATE_WEIGHTS_MAX; k++) {
+        if (r[k] <= own) {
+            out->r[out->count] = r[k];
+            out->column[out->count++] = candidate[k];
+        }
+    }
+    return own;
+}
+
 int32_t pal_weights_at(const pal_weights_table *table, const pal_surface_point *at, double radius,
                        pal_weights *out) {
     const pal_rest_surface *s = table->surface;
     const pal_model *model = table->model;
     double flat[3], n[3], u[3], v[3];
-    double r[PALPATE_WEIGHTS_CANDIDATES], scratch[PALPATE_WEIGHTS_CANDIDATES];
     double q[PALPATE_WEIGHTS_MAX][2];
+    nearest found;
     out->count = 0;
     out->sigma = out->radius = 0.0;
     int32_t list = at->triangle >= 0 ? table->list[at->triangle] : -1;
     if (list < 0) {
         return 0;
     }
-    const int32_t *candidate = table->candidate + (size_t)list * PALPATE_WEIGHTS_CANDIDATES;
     sample(s, at->triangle, at->weight, flat, n);
-    int32_t count = radius > 0.0 ? table->count[list] : table->near[list];
-    for (int32_t k = 0; k < count; k++) {
-        r[k] = reach_of(s, model->column_node[candidate[k]], at->position, n);
-    }
-    out->radius = support(r, count, table->nodes, scratch);
-    if (radius > out->radius) {
-        out->radius =
-            fmax(out->radius, fmin(radius, support(r, count, PALPATE_WEIGHTS_MAX, scratch)));
-    }
+    out->radius = radius > 0.0 ? find_within(table, at, n, list, radius, &found)
+                               : find_nearest(table, at, n, list, &found);
     double over = out->radius > 0.0 ? 1.0 / out->radius : 0.0;
+    int32_t kept = 0;
+    for (int32_t k = 0; k < found.count; k++) { // by r: z may round down
+        double z = found.r[k] * over;
+        found.r[kept] = found.r[k];
+        found.column[kept] = found.column[k];
+        kept += 1.0 - z * z > 0.0 && (!(over > 0.0) || found.r[k] < out->radius);
+    }
+    out->count = kept < PALPATE_WEIGHTS_MAX ? kept : PALPATE_WEIGHTS_MAX;
     tangents(n, u, v);
-    for (int32_t k = 0; k < count && out->count < PALPATE_WEIGHTS_MAX; k++) {
-        double z = r[k] * over, weight = 1.0 - z * z;
-        if (!(weight > 0.0) || (over > 0.0 && !(r[k] < out->radius))) { // by r: z may round down
-            continue;
+    for (int32_t k = 0; k < out->count; k++) { // by column: counted, not sorted, without guessing
+        int32_t column = found.column[k], slot = 0;
+        for (int32_t l = 0; l < out->count; l++) {
+            slot += found.column[l] < column;
         }
-        const double *y = model->position + 3 * (size_t)model->column_node[candidate[k]];
+        double z = found.r[k] * over;
+        const double *y = model->position + 3 * (size_t)model->column_node[column];
         double d[3] = {y[0] - at->position[0], y[1] - at->position[1], y[2] - at->position[2]};
-        int32_t slot = out->count++;
-        while (slot > 0 && out->column[slot - 1] > candidate[k]) {
-            out->column[slot] = out->column[slot - 1];
-            out->phi[slot] = out->phi[slot - 1];
-            q[slot][0] = q[slot - 1][0];
-            q[slot][1] = q[slot - 1][1];
-            slot--;
-        }
-        out->column[slot] = candidate[k];
-        out->phi[slot] = power_of(weight, table->power);
+        out->column[slot] = column;
+        out->phi[slot] = power_of(1.0 - z * z, table->power);
         q[slot][0] = over * dot(d, u);
         q[slot][1] = over * dot(d, v);
     }

@@ -47,6 +47,7 @@ typedef struct pal_weights_table {
     int32_t *near;      ///< candidates that K nodes need, per list
     int32_t *count;     ///< all candidates, per list
     int32_t *candidate; ///< columns, nearest first, shape [lists, PALPATE_WEIGHTS_CANDIDATES]
+    float *away;        ///< of the candidates from the triangle's middle, at most [m], as candidate
 } pal_weights_table;
 
 /// Bytes that pal_weights_init needs (a multiple of 64).
@@ -64,7 +65,8 @@ void pal_weights_init(pal_weights_table *table, const pal_model *model,
 ///                node spacing; 0: as K gives it. Cut to what PALPATE_WEIGHTS_MAX nodes can carry
 ///                (continuously).
 /// @return count (0 where no touchable node is near: at points with inside < 0 far enough out)
-/// Cost: O(candidates), about 1 us. Continuous in the point and in radius.
+/// Cost: about 15 nodes looked at, 0.3 us; O(candidates), 1 us, where a radius is asked for.
+/// Continuous in the point and in radius.
 int32_t pal_weights_at(const pal_weights_table *table, const pal_surface_point *at, double radius,
                        pal_weights *out);
 

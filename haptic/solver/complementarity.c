@@ -152,11 +152,15 @@ static int32_t find_wrong(const pal_lcp *p, const uint8_t *active, const lcp_wor
 }
 
 /// Clamp the trial to z >= 0 and keep it when it is the best so far.
-static void keep_best(const pal_lcp *p, const lcp_work *s, double *best) {
+/// @param known  s->w is that of the trial: kept where there is nothing to clamp
+static void keep_best(const pal_lcp *p, const lcp_work *s, double *best, int known) {
     for (int32_t i = 0; i < p->n; i++) {
+        known &= s->trial[i] >= 0;
         s->trial[i] = s->trial[i] > 0 ? s->trial[i] : 0;
     }
-    residual_vector(p, s->trial, s->w, NULL);
+    if (!known) {
+        residual_vector(p, s->trial, s->w, NULL);
+    }
     double residual = natural_residual(p, s->trial, s->w);
     if (residual < *best) {
         *best = residual;
@@ -281,7 +285,7 @@ static int32_t try_set(const pal_lcp *p, const uint8_t *active, const lcp_work *
     }
     residual_vector(p, s->trial, s->w, s->bound);
     int32_t wrong = find_wrong(p, active, s, last);
-    keep_best(p, s, best);
+    keep_best(p, s, best, 1);
     return wrong;
 }
 
@@ -318,7 +322,7 @@ pal_lcp_result pal_lcp_solve(const pal_lcp *problem, int32_t max_iterations, uin
         } else if (block && tries-- == 0) {
             block = 0;
             lemke(p, max_iterations - 1, active, &s, &result.iterations);
-            keep_best(p, &s, &best);
+            keep_best(p, &s, &best, 0);
             continue;
         }
         for (int32_t i = block ? 0 : last; i <= last; i++) {
