@@ -22,8 +22,9 @@ static const char doc[] =
     "Example:\n  palpate doctor";
 
 int command_doctor(int argc, char **argv) {
-    common_options o = {.command = "palpate doctor"};
-    const struct argp_child children[] = {{&common_argp, 0, NULL, 0}, {0}};
+    common_options o = {.command = "palpate doctor",
+                        .no_set = "no scene is used: the machine is looked at as it is"};
+    const struct argp_child children[] = {{&plain_argp, 0, NULL, 0}, {0}};
     const struct argp argp = {NULL, parse, "", doc, children, NULL, NULL};
     (void)argp_parse(&argp, argc, argv, 0, NULL, &o);
     pal_check check[PALPATE_CHECKS_MAX];

@@ -8,7 +8,7 @@
 
 #include "haptic/base/error.h"
 
-enum { DEPTHS_MAX = 1024, FEW_CONTACTS = 4 };
+enum { DEPTHS_MAX = 1024, FEW_CONTACTS = 4, REMARKS_MAX = 4, REMARK = 256 };
 
 typedef struct options {
     common_options common;
@@ -21,22 +21,13 @@ typedef struct options {
 
 /// "D1,D2,..." into o->depths. @return 0 when it is not a list of 1 to DEPTHS_MAX numbers >= 0
 static int parse_depths(const char *text, options *o) {
-    o->depth_count = 0;
-    for (const char *at = text;; at++) {
-        char *end;
-        double value = strtod(at, &end);
-        if (end == at || !isfinite(value) || value < 0 || o->depth_count == DEPTHS_MAX) {
-            return 0;
-        }
-        o->depths[o->depth_count++] = value;
-        at = end;
-        if (*at == '\0') {
-            return 1;
-        }
-        if (*at != ',') {
+    o->depth_count = parse_numbers(text, o->depths, DEPTHS_MAX);
+    for (int32_t i = 0; i < o->depth_count; i++) {
+        if (o->depths[i] < 0) {
             return 0;
         }
     }
+    return o->depth_count > 0;
 }
 
 static error_t parse(int key, char *arg, struct argp_state *state) {
@@ -60,20 +51,15 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         }
         o->law = strcmp(arg, "full") == 0 ? PALPATE_INDENT_FULL : PALPATE_INDENT_REST;
         return 0;
-    case ARGP_KEY_ARG:
-        if (o->path != NULL) {
-            argp_error(state, "one SCENE or MODEL, please");
-        }
-        o->path = arg;
-        return 0;
-    case ARGP_KEY_END:
-        if (o->path == NULL || o->tool == NULL || o->depth_count == 0) {
-            argp_error(state, "give a SCENE or MODEL, --tool and --depths, e.g.\n  palpate indent "
+    case ARGP_KEY_SUCCESS:
+        if (o->tool == NULL || o->depth_count == 0) {
+            argp_error(state, "give --tool and --depths, e.g.\n  palpate indent "
                               "scenes/block.yaml --tool ball --depths 0.02,0.05,0.1");
         }
         return 0;
     default:
-        return ARGP_ERR_UNKNOWN;
+        return parse_path(key, arg, state, &o->path, "SCENE or MODEL",
+                          "e.g. palpate indent scenes/block.yaml --tool ball --depths 0.02,0.05");
     }
 }
 
@@ -112,27 +98,43 @@ static const pal_tool_def *find_tool(const pal_runtime_config *runtime, const ch
     return NULL;
 }
 
-/// What the reader should know about the curve. @return "" when there is nothing
-static const char *remark(const pal_tool_def *tool, const pal_indent_result *curve, int32_t count) {
-    for (int32_t i = 0; i < count; i++) {
-        if (curve[i].cut_off) {
-            return "the contact solver was stopped early at some depth: its force is an estimate";
-        }
+/// What the reader should know about the curve, each in a text of its own. @return how many
+static int remarks(const source *s, const options *o, const pal_tool_def *tool,
+                   const pal_indent_result *curve, char text[REMARKS_MAX][REMARK]) {
+    int n = 0, cut_off = 0, few = 0;
+    double deepest = 0.0;
+    for (int32_t i = 0; i < o->depth_count; i++) {
+        cut_off |= curve[i].cut_off;
+        few |= curve[i].contacts > 0 && curve[i].contacts < FEW_CONTACTS;
+        deepest = fmax(deepest, curve[i].depth);
     }
-    for (int32_t i = 0; i < count; i++) {
-        if (curve[i].contacts > 0 && curve[i].contacts < FEW_CONTACTS) {
-            return tool->shape == PALPATE_SHAPE_POINT
-                       ? "a point's force depends on the node spacing: an elastic body does not "
-                         "resist a point"
-                       : "fewer than 4 nodes carry the force at some depth: refine the cloud under "
-                         "the tool";
-        }
+    if (cut_off) {
+        (void)snprintf(
+            text[n++], REMARK,
+            "the contact solver was stopped early at some depth: its force is an estimate");
     }
-    return "";
+    if (few) {
+        (void)snprintf(
+            text[n++], REMARK,
+            tool->shape == PALPATE_SHAPE_POINT
+                ? "a point's force depends on the node spacing: an elastic body does not "
+                  "resist a point"
+                : "fewer than 4 nodes carry the force at some depth: refine the cloud "
+                  "under the tool");
+    }
+    if (tool->friction > 0.0) {
+        (void)snprintf(
+            text[n++], REMARK,
+            "tool %.64s: its friction of %g plays no part here: `indent` presses without "
+            "friction, `run` with it",
+            tool->name, tool->friction);
+    }
+    n += large_move(s->model, "the largest depth", deepest, text[n], REMARK);
+    return n;
 }
 
 static void print_json_curve(const source *s, const options *o, const pal_indent_result *curve,
-                             const char *note) {
+                             char note[REMARKS_MAX][REMARK], int notes) {
     pal_model_info info;
     pal_model_get_info(s->model, &info);
     json_t *object = json_object(), *list_json = json_array(), *warnings = source_warnings_json(s);
@@ -148,8 +150,8 @@ static void print_json_curve(const source *s, const options *o, const pal_indent
         json_object_set_new(entry, "cut_off", json_boolean(r->cut_off));
         json_array_append_new(list_json, entry);
     }
-    if (note[0] != '\0') {
-        json_array_append_new(warnings, json_string(note));
+    for (int k = 0; k < notes; k++) {
+        json_array_append_new(warnings, json_string(note[k]));
     }
     json_object_set_new(object, "curve", list_json);
     json_object_set_new(object, "tool", json_string(o->tool));
@@ -162,7 +164,7 @@ static void print_json_curve(const source *s, const options *o, const pal_indent
     print_json(object);
 }
 
-static void print_curve(const options *o, const pal_indent_result *curve, const char *note) {
+static void print_curve(const options *o, const pal_indent_result *curve) {
     (void)printf("tool %s, contact law %s\n%12s %12s %10s %12s\n", o->tool,
                  o->law == PALPATE_INDENT_FULL ? "full" : "rest", "depth [m]", "force [N]",
                  "contacts", "radius [m]");
@@ -170,9 +172,6 @@ static void print_curve(const options *o, const pal_indent_result *curve, const 
         (void)printf("%12.6g %12.6g %10d %12.4g%s\n", curve[i].depth, curve[i].force,
                      curve[i].contacts, curve[i].radius,
                      curve[i].cut_off ? "  (stopped early)" : "");
-    }
-    if (note[0] != '\0' && !o->common.quiet) {
-        (void)fprintf(stderr, "palpate: warning: %s\n", note);
     }
 }
 
@@ -189,6 +188,7 @@ int command_indent(int argc, char **argv) {
     if (status != PALPATE_OK) {
         return report_error(&o.common, status, &error);
     }
+    interrupt_restore();
     const pal_tool_def *tool = find_tool(pal_model_runtime(s.model), o.tool, &error);
     status = tool == NULL
                  ? PALPATE_ERROR_NOT_FOUND
@@ -198,11 +198,15 @@ int command_indent(int argc, char **argv) {
         return report_error(&o.common, status, &error);
     }
     source_print_warnings(&s, &o.common);
-    const char *note = remark(tool, curve, o.depth_count);
+    static char note[REMARKS_MAX][REMARK];
+    int notes = remarks(&s, &o, tool, curve, note);
+    for (int k = 0; k < notes && !o.common.quiet; k++) {
+        (void)fprintf(stderr, "warning: %s\n", note[k]);
+    }
     if (o.common.json) {
-        print_json_curve(&s, &o, curve, note);
+        print_json_curve(&s, &o, curve, note, notes);
     } else {
-        print_curve(&o, curve, note);
+        print_curve(&o, curve);
     }
     source_close(&s);
     return 0;

@@ -12,17 +12,9 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
     case ARGP_KEY_INIT:
         state->child_inputs[0] = &o->common;
         return 0;
-    case ARGP_KEY_ARG:
-        if (o->path != NULL) {
-            argp_error(state, "one MODEL, please");
-        }
-        o->path = arg;
-        return 0;
-    case ARGP_KEY_NO_ARGS:
-        argp_error(state, "which MODEL? `palpate precompute SCENE -o MODEL` makes one");
-        return 0;
     default:
-        return ARGP_ERR_UNKNOWN;
+        return parse_path(key, arg, state, &o->path, "MODEL",
+                          "`palpate precompute SCENE -o MODEL` makes one");
     }
 }
 
@@ -47,6 +39,7 @@ int command_info(int argc, char **argv) {
     if (status != PALPATE_OK) {
         return report_error(&o.common, status, &error);
     }
+    interrupt_restore();
     source_print_warnings(&s, &o.common);
     if (o.common.json) {
         json_t *object = json_info(s.model);

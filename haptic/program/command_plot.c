@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "haptic/base/error.h"
+#include "haptic/program/targets.h"
 #include "haptic/recording/replay.h"
 #include "haptic/view/view.h"
 
@@ -36,15 +37,6 @@ typedef struct plot {
     double peak[PANELS];
 } plot;
 
-static double number(const char *text, const char *option, struct argp_state *state) {
-    char *end;
-    double v = strtod(text, &end);
-    if (end == text || *end != 0 || !isfinite(v)) {
-        argp_error(state, "%s %s: a time in seconds", option, text);
-    }
-    return v;
-}
-
 static error_t parse(int key, char *arg, struct argp_state *state) {
     options *o = state->input;
     switch (key) {
@@ -55,15 +47,13 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         o->out = arg;
         return 0;
     case KEY_SIZE:
-        if (!parse_size(arg, &o->width, &o->height)) {
-            argp_error(state, "--size %s: WIDTHxHEIGHT, 64 to 4096", arg);
-        }
+        parse_size(arg, &o->width, &o->height, state);
         return 0;
     case KEY_FROM:
-        o->from = number(arg, "--from", state);
+        o->from = parse_time(arg, "--from", 1, state);
         return 0;
     case KEY_TO:
-        o->to = number(arg, "--to", state);
+        o->to = parse_time(arg, "--to", 1, state);
         return 0;
     default:
         return parse_recording(key, arg, state, &o->path);
@@ -227,12 +217,13 @@ static void default_name(const char *path, char *out, size_t size) {
 static void print_report(const options *o, const char *out, const pal_recording_info *info,
                          const plot *p) {
     if (o->common.json) {
-        print_json(json_pack(
-            "{s:s,s:s,s:i,s:i,s:I,s:i,s:f,s:f,s:f,s:f,s:f,s:f,s:I}", "file", o->path, "picture",
-            out, "width", o->width, "height", o->height, "records", (json_int_t)p->rows, "tools",
-            (int)info->engine.tool_count, "from", p->from, "to", p->to, "peak_force",
-            p->peak[FORCE], "peak_depth", 1e-3 * p->peak[DEPTH], "compute_us_max", p->peak[COMPUTE],
-            "lateness_us_max", p->peak[LATENESS], "faulty_records", (json_int_t)p->faulty));
+        print_json(json_pack("{s:o,s:o,s:i,s:i,s:I,s:i,s:f,s:f,s:f,s:f,s:f,s:f,s:I}", "file",
+                             json_text(o->path), "picture", json_text(out), "width", o->width,
+                             "height", o->height, "records", (json_int_t)p->rows, "tools",
+                             (int)info->engine.tool_count, "from", p->from, "to", p->to,
+                             "peak_force", p->peak[FORCE], "peak_depth", 1e-3 * p->peak[DEPTH],
+                             "compute_us_max", p->peak[COMPUTE], "lateness_us_max",
+                             p->peak[LATENESS], "faulty_records", (json_int_t)p->faulty));
     } else {
         (void)printf("%s: %.3f to %.3f s of %s, %lld records (%lld with faults); peak force %.4g "
                      "N, deepest %.4g "
@@ -243,12 +234,16 @@ static void print_report(const options *o, const char *out, const pal_recording_
 }
 
 int command_plot(int argc, char **argv) {
-    options o = {.common = {.command = "palpate plot"},
-                 .width = 1280,
-                 .height = 960,
-                 .from = (double)NAN,
-                 .to = (double)NAN};
-    const struct argp_child children[] = {{&common_argp, 0, NULL, 0}, {0}};
+    options o = {
+        .common =
+            {.command = "palpate plot",
+             .no_set =
+                 "a recording is drawn as it is; set the key in `palpate run SCENE --record`"},
+        .width = 1280,
+        .height = 960,
+        .from = (double)NAN,
+        .to = (double)NAN};
+    const struct argp_child children[] = {{&plain_argp, 0, NULL, 0}, {0}};
     const struct argp argp = {list, parse, "FILE", doc, children, NULL, NULL};
     (void)argp_parse(&argp, argc, argv, 0, NULL, &o);
     char name[4096];
@@ -258,6 +253,10 @@ int command_plot(int argc, char **argv) {
     pal_recording *recording = NULL;
     plot p = {.columns = pal_plot_columns(o.width, o.height)};
     pal_status status = pal_recording_open(o.path, &recording, &error);
+    if (status == PALPATE_OK) {
+        status =
+            target_check(o.out != NULL ? "--output" : "the picture", out, ".png", o.path, &error);
+    }
     if (status == PALPATE_OK && p.columns < 16) {
         status = pal_fail(&error, PALPATE_ERROR_ARGUMENT, "--size %dx%d: too narrow to draw in",
                           o.width, o.height);
@@ -269,6 +268,7 @@ int command_plot(int argc, char **argv) {
         status = gather(&o, recording, &p, &error);
     }
     if (status == PALPATE_OK) {
+        interrupt_install(); // the picture is whole or not there
         status = draw(&o, out, pal_recording_get_info(recording), &p, &error);
     }
     int exit_status = 0;
@@ -276,6 +276,9 @@ int command_plot(int argc, char **argv) {
         print_report(&o, out, pal_recording_get_info(recording), &p);
     } else {
         exit_status = report_error(&o.common, status, &error);
+    }
+    if (exit_status == 0 && interrupt_signal() != 0) {
+        exit_status = 128 + interrupt_signal();
     }
     free(p.memory);
     free(p.mark);

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "haptic/base/error.h"
+#include "haptic/program/targets.h"
 
 enum { ROUNDS_MAX = 6 };
 
@@ -32,15 +33,12 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
     case 'r':
         o->rebuild = 1;
         return 0;
-    case 't': {
-        char *end = NULL;
-        o->target = strtod(arg, &end);
-        if (end == arg || *end != '\0' || !(o->target >= 1e-4 && o->target <= 1.0)) {
+    case 't':
+        if (parse_numbers(arg, &o->target, 1) != 1 || !(o->target >= 1e-4 && o->target <= 1.0)) {
             argp_error(state, "--target-error %s: a relative error from 0.0001 to 1, e.g. 0.03",
                        arg);
         }
         return 0;
-    }
     case 'b':
         o->has_budget = budget_parse(arg, &o->budget);
         if (!o->has_budget) {
@@ -50,17 +48,9 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
                 arg);
         }
         return 0;
-    case ARGP_KEY_ARG:
-        if (o->scene != NULL) {
-            argp_error(state, "one SCENE, please");
-        }
-        o->scene = arg;
-        return 0;
-    case ARGP_KEY_NO_ARGS:
-        argp_error(state, "which SCENE? e.g. palpate precompute scenes/hemisphere.yaml");
-        return 0;
     default:
-        return ARGP_ERR_UNKNOWN;
+        return parse_path(key, arg, state, &o->scene, "SCENE",
+                          "e.g. palpate precompute scenes/hemisphere.yaml");
     }
 }
 
@@ -141,11 +131,15 @@ int command_precompute(int argc, char **argv) {
     pal_error error = {0};
     source s = {0};
     interrupt_install();
-    const offline_api *offline = offline_open(&error);
-    if (offline == NULL) {
-        return report_error(&o.common, PALPATE_ERROR_SYSTEM, &error);
+    pal_status status = source_must_be_scene(o.scene, &error);
+    if (status == PALPATE_OK) {
+        status = target_check("--output", o.output, NULL, o.scene, &error);
     }
-    pal_status status;
+    const offline_api *offline = status == PALPATE_OK ? offline_open(&error) : NULL;
+    if (offline == NULL) {
+        return report_error(&o.common, status == PALPATE_OK ? PALPATE_ERROR_SYSTEM : status,
+                            &error);
+    }
     if (o.rebuild) {
         status = offline->scene_load(o.scene, o.common.overrides, o.common.override_count, &s.scene,
                                      &error);
@@ -165,12 +159,6 @@ int command_precompute(int argc, char **argv) {
     } else {
         status = source_open(o.scene, &o.common, 0, &s, &error);
     }
-    if (status == PALPATE_OK && s.scene == NULL) {
-        source_close(&s);
-        (void)snprintf(error.message, sizeof error.message,
-                       "%s is a model already; `palpate info` shows it", o.scene);
-        status = PALPATE_ERROR_ARGUMENT;
-    }
     if (status == PALPATE_OK && o.target > 0.0) {
         status = refine(&s, &o, &error);
     }
@@ -188,7 +176,7 @@ int command_precompute(int argc, char **argv) {
     const char *path = o.output != NULL ? o.output : cached;
     if (o.common.json) {
         json_t *object = json_info(s.model);
-        json_object_set_new(object, "model", json_string(path));
+        json_object_set_new(object, "model", json_text(path));
         json_object_set_new(object, "cached", json_boolean(s.was_cached));
         json_object_set_new(object, "warnings", source_warnings_json(&s));
         if (account != NULL) {

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "haptic/base/error.h"
+
 typedef struct options {
     common_options common;
     const char *path;
@@ -27,20 +29,15 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         }
         o->has_by = 1;
         return 0;
-    case ARGP_KEY_ARG:
-        if (o->path != NULL) {
-            argp_error(state, "one SCENE or MODEL, please");
-        }
-        o->path = arg;
-        return 0;
-    case ARGP_KEY_END:
-        if (o->path == NULL || o->patch == NULL || !o->has_by) {
-            argp_error(state, "give a SCENE or MODEL, --patch and --by, e.g.\n  palpate press "
+    case ARGP_KEY_SUCCESS:
+        if (o->patch == NULL || !o->has_by) {
+            argp_error(state, "give --patch and --by, e.g.\n  palpate press "
                               "scenes/hemisphere.yaml --patch pole --by 0,0,-0.005");
         }
         return 0;
     default:
-        return ARGP_ERR_UNKNOWN;
+        return parse_path(key, arg, state, &o->path, "SCENE or MODEL",
+                          "e.g. palpate press scenes/hemisphere.yaml --patch pole --by 0,0,-0.005");
     }
 }
 
@@ -82,23 +79,6 @@ static void print_result(const source *s, const pal_press *press, const options 
                  c->passive ? "passive" : "not passive");
 }
 
-/// Small strain ends somewhere: what a linear answer beyond it is worth must be said.
-static int is_large(const source *s, const double by[3], char *text, size_t size) {
-    pal_model_info info;
-    pal_model_get_info(s->model, &info);
-    double body = 0.0, move = 0.0;
-    for (int d = 0; d < 3; d++) {
-        body = fmax(body, info.bounds_max[d] - info.bounds_min[d]);
-        move = hypot(move, by[d]);
-    }
-    (void)snprintf(
-        text, size,
-        "--by is %.3g m, %.0f %% of the body's %.3g m: the answer is linear, far beyond small "
-        "strain (lengths are in metres)",
-        move, 100.0 * move / body, body);
-    return move > 0.2 * body;
-}
-
 int command_press(int argc, char **argv) {
     options o = {.common = {.command = "palpate press"}};
     const struct argp_child children[] = {{&common_argp, 0, NULL, 0}, {0}};
@@ -112,13 +92,23 @@ int command_press(int argc, char **argv) {
         return report_error(&o.common, status, &error);
     }
     pal_press press = {0};
+    interrupt_restore();
     status = pal_model_press(s.model, o.patch, o.by, &press, &error);
+    for (int d = 0; status == PALPATE_OK && d < 3; d++) {
+        if (!isfinite(press.force[d]) || !isfinite(press.moment[d])) {
+            pal_press_clear(&press);
+            status = pal_fail(&error, PALPATE_ERROR_ARGUMENT,
+                              "--by %g,%g,%g: the force is beyond all numbers; give metres",
+                              o.by[0], o.by[1], o.by[2]);
+        }
+    }
     if (status != PALPATE_OK) {
         source_close(&s);
         return report_error(&o.common, status, &error);
     }
     char large[256];
-    int warn = is_large(&s, o.by, large, sizeof large);
+    int warn =
+        large_move(s.model, "--by", hypot(hypot(o.by[0], o.by[1]), o.by[2]), large, sizeof large);
     source_print_warnings(&s, &o.common);
     if (warn) {
         (void)fprintf(stderr, "warning: %s\n", large);

@@ -59,13 +59,14 @@ static json_t *json_force(const pal_tool_force *f) {
 }
 
 static void print_json_report(const options *o, const pal_replay_report *r) {
-    json_t *j = json_pack(
-        "{s:s,s:s,s:b,s:I,s:I,s:I,s:I,s:I,s:f,s:f,s:I,s:f,s:f}", "file", o->path, "model", o->model,
-        "same_model", (int)r->hash_matches, "ticks", (json_int_t)r->ticks, "records",
-        (json_int_t)r->records, "start", (json_int_t)r->start, "holes", (json_int_t)r->holes,
-        "differences", (json_int_t)r->differences, "peak_difference", r->peak_difference,
-        "rms_difference", r->rms_difference, "peak_tick", (json_int_t)r->peak_tick, "recorded_peak",
-        r->recorded_peak, "replayed_peak", r->replayed_peak);
+    json_t *j = json_pack("{s:o,s:o,s:b,s:I,s:I,s:I,s:I,s:I,s:f,s:f,s:I,s:f,s:f}", "file",
+                          json_text(o->path), "model", json_text(o->model), "same_model",
+                          (int)r->hash_matches, "ticks", (json_int_t)r->ticks, "records",
+                          (json_int_t)r->records, "start", (json_int_t)r->start, "holes",
+                          (json_int_t)r->holes, "differences", (json_int_t)r->differences,
+                          "peak_difference", r->peak_difference, "rms_difference",
+                          r->rms_difference, "peak_tick", (json_int_t)r->peak_tick, "recorded_peak",
+                          r->recorded_peak, "replayed_peak", r->replayed_peak);
     if (r->first.what != NULL) {
         json_object_set_new(j, "first",
                             json_pack("{s:s,s:I,s:f,s:i,s:o,s:o}", "what", r->first.what, "tick",
@@ -140,6 +141,7 @@ static pal_status replay(options *o, pal_recording *recording, pal_replay_report
         return status;
     }
     source_print_warnings(&s, &o->common);
+    interrupt_restore();
     pal_model_info found;
     pal_model_get_info(s.model, &found);
     status = pal_replay(recording, s.model, 0, report, error);

@@ -12,6 +12,7 @@
 
 #include "haptic/base/error.h"
 #include "haptic/program/painter.h"
+#include "haptic/program/targets.h"
 
 typedef struct options {
     common_options common;
@@ -41,24 +42,14 @@ enum {
     KEY_DUMP
 };
 
-static double positive(const char *text, const char *name, struct argp_state *state) {
-    char *end = NULL;
-    double v = strtod(text, &end);
-    if (end == text || *end != '\0' || !isfinite(v) || v <= 0.0 || v > 1e7) {
-        argp_error(state, "%s %s: a number of seconds, more than 0, up to 1e7", name, text);
-    }
-    return v;
-}
-
 static error_t parse(int key, char *arg, struct argp_state *state) {
     options *o = state->input;
-    char extra;
     switch (key) {
     case ARGP_KEY_INIT:
         state->child_inputs[0] = &o->common;
         return 0;
     case KEY_FOR:
-        o->seconds = positive(arg, "--for", state);
+        o->seconds = parse_time(arg, "--for", 0, state);
         return 0;
     case KEY_FREEWHEEL:
         o->freewheel = 1;
@@ -82,33 +73,22 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         o->realtime = 0;
         return 0;
     case KEY_CPU:
-        if (sscanf(arg, "%d%c", &o->cpu, &extra) != 1 || o->cpu < 0) {
-            argp_error(state, "--cpu %s: the number of a core", arg);
+        if (!parse_integer(arg, 0, 4095, &o->cpu)) {
+            argp_error(state, "--cpu %s: the number of a core, 0 to 4095", arg);
         }
         return 0;
     case KEY_REFERENCE:
-        o->reference = positive(arg, "--reference", state);
+        o->reference = parse_time(arg, "--reference", 0, state);
         return 0;
     case KEY_SIZE:
-        if (!parse_size(arg, &o->width, &o->height)) {
-            argp_error(state, "--size %s: WIDTHxHEIGHT, 64 to 4096", arg);
-        }
+        parse_size(arg, &o->width, &o->height, state);
         return 0;
     case KEY_NODRAW:
         o->draw = 0;
         return 0;
-    case ARGP_KEY_ARG:
-        if (o->path != NULL) {
-            argp_error(state, "one SCENE or MODEL, please");
-        }
-        o->path = arg;
-        return 0;
-    case ARGP_KEY_NO_ARGS:
-        argp_error(state,
-                   "which SCENE or MODEL? e.g. palpate run scenes/organ.yaml --snapshot organ.png");
-        return 0;
     default:
-        return ARGP_ERR_UNKNOWN;
+        return parse_path(key, arg, state, &o->path, "SCENE or MODEL",
+                          "e.g. palpate run scenes/organ.yaml --snapshot organ.png");
     }
 }
 
@@ -288,16 +268,16 @@ static json_t *json_report(const pal_session_report *r, const options *o) {
     json_object_set_new(j, "device_errors", json_integer((json_int_t)r->device_errors));
     json_object_set_new(j, "page_faults", json_integer((json_int_t)r->page_faults));
     if (o->record != NULL) {
-        json_object_set_new(j, "recording",
-                            json_pack("{s:s,s:I,s:I,s:I,s:s}", "file", o->record, "records",
-                                      (json_int_t)r->records, "lost", (json_int_t)r->records_lost,
-                                      "frames", (json_int_t)r->record_frames, "error",
-                                      r->record_error));
+        json_object_set_new(
+            j, "recording",
+            json_pack("{s:o,s:I,s:I,s:I,s:o}", "file", json_text(o->record), "records",
+                      (json_int_t)r->records, "lost", (json_int_t)r->records_lost, "frames",
+                      (json_int_t)r->record_frames, "error", json_text(r->record_error)));
     }
     if (o->dump != NULL) {
         json_object_set_new(j, "dumps",
-                            json_pack("{s:i,s:i,s:s}", "written", (int)r->dumps, "lost",
-                                      (int)r->dumps_lost, "newest", r->dump_path));
+                            json_pack("{s:i,s:i,s:o}", "written", (int)r->dumps, "lost",
+                                      (int)r->dumps_lost, "newest", json_text(r->dump_path)));
     }
     if (o->reference > 0.0) {
         json_object_set_new(j, "bare",
@@ -307,7 +287,7 @@ static json_t *json_report(const pal_session_report *r, const options *o) {
     }
     json_object_set_new(j, "scheduling", json_string(r->scheduling));
     if (o->snapshot != NULL) {
-        json_object_set_new(j, "snapshot", json_string(o->snapshot));
+        json_object_set_new(j, "snapshot", json_text(o->snapshot));
     }
     return j;
 }
@@ -435,12 +415,14 @@ static pal_status run(const source *s, options *o, pal_session_report *report, p
                          .snapshot_path = o->snapshot,
                          .gif_path = o->gif,
                          .gif_period = 0.1};
-        *paint = painter_create(&p);
-        def.render = *paint != NULL ? painter_frame : NULL;
+        status = painter_create(&p, paint, error);
+        def.render = painter_frame;
         def.render_user = *paint;
     }
     pal_session *session = NULL;
-    status = pal_session_create(s->model, &def, &session, error);
+    if (status == PALPATE_OK) {
+        status = pal_session_create(s->model, &def, &session, error);
+    }
     if (status != PALPATE_OK) {
         for (int32_t t = 0; t < runtime->tool_count; t++) {
             def.devices[t].close(def.devices[t].self);
@@ -460,6 +442,47 @@ static pal_status run(const source *s, options *o, pal_session_report *report, p
     return status;
 }
 
+/// Where the results will go, before a model is built and a session has run for nothing.
+static pal_status check_targets(const options *o, pal_error *error) {
+    pal_status status = target_check("--snapshot", o->snapshot, ".png", o->path, error);
+    if (status == PALPATE_OK) {
+        status = target_check("--gif", o->gif, ".gif", o->path, error);
+    }
+    if (status == PALPATE_OK) {
+        status = target_check("--record", o->record, ".h5 .hdf5", o->path, error);
+    }
+    if (status == PALPATE_OK) {
+        status = target_check("--dump", o->dump, ".h5 .hdf5", o->path, error);
+    }
+    if (status == PALPATE_OK && o->record != NULL && o->dump != NULL &&
+        strcmp(o->record, o->dump) == 0) {
+        status = pal_fail(error, PALPATE_ERROR_ARGUMENT,
+                          "--dump %.300s: the recording goes there; give it another name", o->dump);
+    }
+    return status;
+}
+
+/// The report, with the error that came at the end if one did.
+static void finish_report(const source *s, const options *o, const pal_session_report *report,
+                          const painter *paint, pal_status status, const pal_error *error) {
+    const pal_runtime_config *runtime = pal_model_runtime(s->model);
+    if (status != PALPATE_OK) {
+        (void)fprintf(stderr, "%s: %s\n", o->common.command, error->message);
+    }
+    if (!o->common.json) {
+        print_report(report, o, paint);
+        print_energy(report, runtime);
+        return;
+    }
+    json_t *object = json_report(report, o);
+    json_object_set_new(object, "energy", json_energy(report, runtime));
+    json_object_set_new(object, "warnings", source_warnings_json(s));
+    if (status != PALPATE_OK) {
+        json_object_set_new(object, "error", json_error(status, error));
+    }
+    print_json(object);
+}
+
 int command_run(int argc, char **argv) {
     options o = {.common = {.command = "palpate run"},
                  .realtime = 1,
@@ -476,7 +499,10 @@ int command_run(int argc, char **argv) {
     if (o.dump != NULL) {
         dump_install();
     }
-    pal_status status = source_open(o.path, &o.common, 0, &s, &error);
+    pal_status status = check_targets(&o, &error);
+    if (status == PALPATE_OK) {
+        status = source_open(o.path, &o.common, 0, &s, &error);
+    }
     if (status != PALPATE_OK) {
         return report_error(&o.common, status, &error);
     }
@@ -485,23 +511,14 @@ int command_run(int argc, char **argv) {
     memset(&report, 0, sizeof report);
     painter *paint = NULL;
     status = run(&s, &o, &report, &paint, &error);
-    int exit_status = 0;
-    if (status != PALPATE_OK) {
-        if (!o.common.json && report.ticks > 0 && paint != NULL &&
-            painter_status(paint, NULL) != PALPATE_OK) {
-            o.snapshot = o.gif = NULL; // a picture that failed does not lose the run's report
-            print_report(&report, &o, paint);
-            print_energy(&report, pal_model_runtime(s.model));
-        }
+    int exit_status = status != PALPATE_OK;
+    if (paint != NULL && painter_status(paint, NULL) != PALPATE_OK) {
+        o.snapshot = o.gif = NULL; // they are not there
+    }
+    if (report.ticks == 0 && status != PALPATE_OK) {
         exit_status = report_error(&o.common, status, &error);
-    } else if (o.common.json) {
-        json_t *object = json_report(&report, &o);
-        json_object_set_new(object, "energy", json_energy(&report, pal_model_runtime(s.model)));
-        json_object_set_new(object, "warnings", source_warnings_json(&s));
-        print_json(object);
-    } else {
-        print_report(&report, &o, paint);
-        print_energy(&report, pal_model_runtime(s.model));
+    } else { // a picture or a recording that failed does not lose what was measured
+        finish_report(&s, &o, &report, paint, status, &error);
     }
     if (exit_status == 0 && interrupt_signal() != 0) {
         exit_status = 128 + interrupt_signal();

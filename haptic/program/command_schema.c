@@ -18,8 +18,9 @@ static const char doc[] =
     "Example:\n  palpate schema | grep -A2 spacing";
 
 int command_schema(int argc, char **argv) {
-    common_options o = {.command = "palpate schema"};
-    const struct argp_child children[] = {{&common_argp, 0, NULL, 0}, {0}};
+    common_options o = {.command = "palpate schema",
+                        .no_set = "no scene is used: all keys are listed"};
+    const struct argp_child children[] = {{&plain_argp, 0, NULL, 0}, {0}};
     const struct argp argp = {NULL, parse, "", doc, children, NULL, NULL};
     (void)argp_parse(&argp, argc, argv, 0, NULL, &o);
     pal_error error = {0};

@@ -11,6 +11,7 @@
 
 #include "haptic/base/error.h"
 #include "haptic/program/mouse_tool.h"
+#include "haptic/program/targets.h"
 #include "haptic/view/window.h"
 
 enum { HISTORY = 240, KEY_FOR = 0x300, KEY_SNAPSHOT, KEY_MOUSE, KEY_SIZE };
@@ -32,15 +33,12 @@ static const char help_text[] = "left button     press where the pointer is (mou
 
 static error_t parse(int key, char *arg, struct argp_state *state) {
     options *o = state->input;
-    char extra;
     switch (key) {
     case ARGP_KEY_INIT:
         state->child_inputs[0] = &o->common;
         return 0;
     case KEY_FOR:
-        if (sscanf(arg, "%lf%c", &o->seconds, &extra) != 1 || !(o->seconds > 0.0)) {
-            argp_error(state, "--for %s: a positive number of seconds", arg);
-        }
+        o->seconds = parse_time(arg, "--for", 0, state);
         return 0;
     case KEY_SNAPSHOT:
         o->snapshot = arg;
@@ -49,21 +47,11 @@ static error_t parse(int key, char *arg, struct argp_state *state) {
         o->mouse = 1;
         return 0;
     case KEY_SIZE:
-        if (!parse_size(arg, &o->width, &o->height)) {
-            argp_error(state, "--size %s: WIDTHxHEIGHT, 64 to 4096", arg);
-        }
-        return 0;
-    case ARGP_KEY_ARG:
-        if (o->path != NULL) {
-            argp_error(state, "one SCENE or MODEL, please");
-        }
-        o->path = arg;
-        return 0;
-    case ARGP_KEY_NO_ARGS:
-        argp_error(state, "which SCENE or MODEL? e.g. palpate view scenes/organ.yaml");
+        parse_size(arg, &o->width, &o->height, state);
         return 0;
     default:
-        return ARGP_ERR_UNKNOWN;
+        return parse_path(key, arg, state, &o->path, "SCENE or MODEL",
+                          "e.g. palpate view scenes/organ.yaml");
     }
 }
 
@@ -242,8 +230,12 @@ static pal_status loop(viewer *v, pal_error *error) {
               (v->o->seconds > 0.0 && now - begin >= v->o->seconds);
         if (width > 0 && height > 0) {
             draw(v, width, height);
-            if (in.snapshot || (end && v->o->seconds > 0.0 && v->o->snapshot != NULL)) {
+            if (end && v->o->seconds > 0.0 && v->o->snapshot != NULL) {
                 status = save(v, width, height, error);
+            } else if (in.snapshot && save(v, width, height, error) != PALPATE_OK) {
+                // by hand: said at once, and the session goes on
+                (void)fprintf(stderr, "%s: %s\n", v->o->common.command, error->message);
+                error->message[0] = '\0';
             }
             pal_window_show(v->window);
         }
@@ -327,7 +319,10 @@ int command_view(int argc, char **argv) {
     pal_error error = {0};
     source s;
     interrupt_install();
-    pal_status status = source_open(o.path, &o.common, 0, &s, &error);
+    pal_status status = target_check("--snapshot", o.snapshot, ".png", o.path, &error);
+    if (status == PALPATE_OK) {
+        status = source_open(o.path, &o.common, 0, &s, &error);
+    }
     if (status != PALPATE_OK) {
         return report_error(&o.common, status, &error);
     }

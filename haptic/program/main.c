@@ -1,8 +1,12 @@
 /// @file main.c  palpate COMMAND ...: dispatch.
 #include "haptic/program/program.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 typedef struct command {
     const char *name;
@@ -27,6 +31,7 @@ static const command commands[] = {
     {"doctor", command_doctor, "is this machine ready for real time?"},
     {"schema", command_schema, "every key of a scene"},
 };
+enum { EXIT_USAGE = 2 };
 enum { COMMAND_COUNT = sizeof commands / sizeof commands[0] };
 
 static void usage(FILE *out) {
@@ -36,13 +41,35 @@ static void usage(FILE *out) {
     for (int i = 0; i < COMMAND_COUNT; i++) {
         (void)fprintf(out, "  %-11s %s\n", commands[i].name, commands[i].help);
     }
-    (void)fprintf(out,
-                  "\nEvery command takes --json, --set KEY=VALUE and --help (with an example).\n"
-                  "Start with:\n"
-                  "  palpate press scenes/hemisphere.yaml --patch pole --by 0,0,-0.005\n");
+    (void)fprintf(
+        out,
+        "\nEvery command takes --json and --help (with an example); those given a SCENE take\n"
+        "--set KEY=VALUE. Exit status: 0 success, 1 failure, 2 wrong usage, 128 + signal when\n"
+        "interrupted. Start with:\n"
+        "  palpate press scenes/hemisphere.yaml --patch pole --by 0,0,-0.005\n");
+}
+
+/// A standard stream that is closed would lend its number to the next file opened, and what is
+/// printed would land there: give each number something, which for output refuses every write.
+static void hold_standard_streams(void) {
+    for (int fd = 0; fd <= 2; fd++) {
+        if (fcntl(fd, F_GETFD) < 0 && errno == EBADF) {
+            (void)open("/dev/null", O_RDONLY);
+        }
+    }
+}
+
+/// `--help` ends in argp, by exit: what it printed must have got out too.
+static void at_exit(void) {
+    if (print_finish(0) != 0) {
+        _exit(EXIT_FAILURE);
+    }
 }
 
 int main(int argc, char **argv) {
+    hold_standard_streams();
+    (void)atexit(at_exit);
+    argp_err_exit_status = EXIT_USAGE;
     if (argc >= 2 && (strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0)) {
         (void)printf("palpate %s\n", pal_version());
         return print_finish(0);
@@ -69,5 +96,5 @@ int main(int argc, char **argv) {
         (void)fprintf(stderr, "palpate: no command '%s'\n\n", argv[1]);
     }
     usage(stderr);
-    return 2;
+    return EXIT_USAGE;
 }

@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 static int print_failed = 0; // a result did not get out
@@ -19,26 +20,73 @@ void print_json(json_t *object) {
 }
 
 int print_finish(int status) {
-    if (fflush(stdout) != 0 || ferror(stdout)) {
+    static int said = 0;
+    if (!said && (fflush(stdout) != 0 || ferror(stdout))) {
         (void)fprintf(stderr, "palpate: standard output cannot be written: %s\n", strerror(errno));
-        print_failed = 1;
+        print_failed = said = 1;
     }
     return status == 0 && print_failed ? 1 : status;
 }
 
+json_t *json_text(const char *text) {
+    json_t *whole = json_string(text);
+    if (whole != NULL) {
+        return whole;
+    }
+    size_t length = strlen(text), n = 0;
+    char *clean = malloc(3 * length + 1); // U+FFFD is three bytes
+    if (clean == NULL) {
+        return json_null();
+    }
+    for (size_t i = 0; i < length;) {
+        size_t take = 0;
+        for (size_t k = 1; k <= 4 && take == 0 && i + k <= length; k++) {
+            json_t *piece = json_stringn(text + i, k);
+            take = piece != NULL ? k : 0;
+            json_decref(piece);
+        }
+        memcpy(clean + n, take > 0 ? text + i : "\357\277\275", take > 0 ? take : 3);
+        n += take > 0 ? take : 3;
+        i += take > 0 ? take : 1;
+    }
+    whole = json_stringn(clean, n);
+    free(clean);
+    return whole;
+}
+
+static const char *error_text(pal_status status, const pal_error *error) {
+    return error != NULL && error->message[0] != '\0' ? error->message : pal_status_text(status);
+}
+
+json_t *json_error(pal_status status, const pal_error *error) {
+    return json_pack("{s:s,s:o}", "status", pal_status_name(status), "message",
+                     json_text(error_text(status, error)));
+}
+
 int report_error(const common_options *options, pal_status status, const pal_error *error) {
-    const char *message =
-        error != NULL && error->message[0] != '\0' ? error->message : pal_status_text(status);
     progress_end();
-    (void)fprintf(stderr, "%s: %s\n", options->command, message);
+    (void)fprintf(stderr, "%s: %s\n", options->command, error_text(status, error));
     if (options->json) {
-        print_json(json_pack("{s:{s:s,s:s}}", "error", "status", pal_status_name(status), "message",
-                             message));
+        print_json(json_pack("{s:o}", "error", json_error(status, error)));
     }
     if (status == PALPATE_ERROR_CANCELLED && interrupt_signal() != 0) {
         return 128 + interrupt_signal();
     }
     return 1;
+}
+
+int large_move(const pal_model *model, const char *option, double move, char *text, size_t size) {
+    pal_model_info info;
+    pal_model_get_info(model, &info);
+    double body = 0.0;
+    for (int d = 0; d < 3; d++) {
+        body = fmax(body, info.bounds_max[d] - info.bounds_min[d]);
+    }
+    (void)snprintf(text, size,
+                   "%s is %.3g m, %.3g %% of the body's %.3g m: the answer is linear, far beyond "
+                   "small strain (lengths are in metres)",
+                   option, move, 100.0 * move / body, body);
+    return move > 0.2 * body;
 }
 
 /// JSON has no NaN or infinity: null.
@@ -89,8 +137,8 @@ json_t *json_info(const pal_model *model) {
     json_object_set_new(o, "columns", json_integer(i.column_count));
     json_object_set_new(o, "stored", json_integer(i.row_count));
     json_object_set_new(o, "fixed", json_integer(i.fixed_count));
-    json_object_set_new(o, "method", json_string(i.method));
-    json_object_set_new(o, "method_options", json_string(i.method_options));
+    json_object_set_new(o, "method", json_text(i.method));
+    json_object_set_new(o, "method_options", json_text(i.method_options));
     json_object_set_new(o, "precision", json_string(precision[i.precision]));
     json_object_set_new(o, "bytes", json_integer((json_int_t)i.bytes));
     json_object_set_new(o, "rows",
@@ -134,8 +182,8 @@ json_t *json_info(const pal_model *model) {
     json_object_set_new(o, "probes", probes);
     json_object_set_new(o, "tools", tools);
     json_object_set_new(o, "skin_vertices", json_integer(i.skin_count));
-    json_object_set_new(o, "hash", json_string(i.hash));
-    json_object_set_new(o, "provenance", json_string(i.provenance));
+    json_object_set_new(o, "hash", json_text(i.hash));
+    json_object_set_new(o, "provenance", json_text(i.provenance));
     json_object_set_new(o, "certificate", json_certificate(&i.certificate));
     return o;
 }

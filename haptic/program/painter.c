@@ -27,23 +27,40 @@ struct painter {
     pal_error error;
 };
 
-painter *painter_create(const painter_def *def) {
+/// Can pictures be drawn at all? The context is used by nobody.
+static pal_status try_drawing(const painter_def *def, pal_error *error) {
+    pal_offscreen *offscreen = NULL;
+    if (def->snapshot_path == NULL && def->gif_path == NULL) {
+        return PALPATE_OK;
+    }
+    pal_status status = pal_offscreen_create(def->width, def->height, &offscreen, error);
+    pal_offscreen_free(offscreen);
+    return status;
+}
+
+pal_status painter_create(const painter_def *def, painter **out, pal_error *error) {
+    *out = NULL;
+    pal_status status = try_drawing(def, error);
+    if (status != PALPATE_OK) {
+        return status;
+    }
     painter *p = calloc(1, sizeof *p);
     pal_model_info info;
     pal_model_get_info(def->model, &info);
-    if (p == NULL) {
-        return NULL;
+    if (p != NULL) {
+        p->def = *def;
+        p->camera = pal_camera_default(def->model);
+        p->best_force = -1.0;
+        p->picture = malloc(4 * (size_t)def->width * (size_t)def->height);
+        p->copy = malloc((3 * (size_t)info.row_count + 1) * sizeof *p->copy);
     }
-    p->def = *def;
-    p->camera = pal_camera_default(def->model);
-    p->best_force = -1.0;
-    p->picture = malloc(4 * (size_t)def->width * (size_t)def->height);
-    p->copy = malloc((3 * (size_t)info.row_count + 1) * sizeof *p->copy);
-    if (p->picture == NULL || p->copy == NULL) {
+    if (p == NULL || p->picture == NULL || p->copy == NULL) {
         painter_free(p);
-        return NULL;
+        return pal_fail(error, PALPATE_ERROR_MEMORY, "no memory for a picture of %dx%d", def->width,
+                        def->height);
     }
-    return p;
+    *out = p;
+    return PALPATE_OK;
 }
 
 static void start(painter *p) {

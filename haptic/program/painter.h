@@ -19,8 +19,10 @@ typedef struct painter_def {
     double gif_period;         ///< seconds of session time between GIF frames
 } painter_def;
 
-/// The OpenGL context is made on the thread of the first painter_frame.
-painter *painter_create(const painter_def *def);
+/// The OpenGL context is made on the thread of the first painter_frame. Where a picture is asked
+/// for, one is made and freed here too: a machine that cannot draw is known before the run.
+/// @return PALPATE_OK; _MEMORY, or what the view says of a machine that cannot draw
+pal_status painter_create(const painter_def *def, painter **out, pal_error *error);
 /// pal_session_def.render; the last call, with NULL, writes the pictures. Thread: render.
 void painter_frame(void *painter, const pal_frame *frame);
 /// After the session. @return PALPATE_OK, or the first error of drawing or writing

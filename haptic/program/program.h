@@ -34,21 +34,37 @@ typedef struct common_options {
     const char *command; ///< "palpate press"
     int json;
     int quiet;
+    const char *no_set; ///< why --set is refused; NULL: it is taken
     int override_count;
     const char *overrides[OVERRIDES_MAX];
 } common_options;
 
-/// argp child: --json, --set, --quiet; its input is a common_options.
-extern const struct argp common_argp;
+/// argp child: --json, --set, --quiet; its input is a common_options. plain_argp for the commands
+/// that build no scene: they refuse --set with `no_set`.
+extern const struct argp common_argp, plain_argp;
+
+/// Parse "N,N,..." into v. @return how many; 0 when one is no finite number or there are more
+/// than max
+int parse_numbers(const char *text, double *v, int max);
 
 /// Parse "X,Y,Z" into v. @return 0 when it is not three finite numbers
 int parse_vector(const char *text, double v[3]);
 
-/// Parse "WIDTHxHEIGHT". @return 0 when it is not two numbers of 64 to 4096
-int parse_size(const char *text, int *width, int *height);
+/// Seconds of `option`: more than 0 and up to 1e7, or any with signed_too; else argp_error.
+double parse_time(const char *text, const char *option, int signed_too, struct argp_state *state);
 
-/// The one argument of commands on a recording; for the default of their parsers. @return as argp's
-/// parsers
+/// Parse a whole number from low to high. @return 0 when it is none
+int parse_integer(const char *text, int low, int high, int *v);
+
+/// "WIDTHxHEIGHT" of --size, each 64 to 4096; else argp_error.
+void parse_size(const char *text, int *width, int *height, struct argp_state *state);
+
+/// The one argument of a command, a path; for the default of its parser. @return as argp's parsers
+/// @param what  "SCENE or MODEL"  @param hint  one sentence for who gave none
+error_t parse_path(int key, char *arg, struct argp_state *state, const char **path,
+                   const char *what, const char *hint);
+
+/// The one argument of commands on a recording.
 error_t parse_recording(int key, char *arg, struct argp_state *state, const char **path);
 
 /// ---- Scene or model (source.c) -----------------------------------------------------------------
@@ -65,6 +81,8 @@ typedef struct source {
 /// @param allow_failing  1: a model that fails its certificate is returned with passed = 0
 pal_status source_open(const char *path, const common_options *options, int allow_failing,
                        source *out, pal_error *error);
+/// A command that builds: `path` must not be a model. @return PALPATE_OK; _ARGUMENT, _IO
+pal_status source_must_be_scene(const char *path, pal_error *error);
 void source_close(source *s);
 /// The scene's warnings on stderr, once.
 void source_print_warnings(const source *s, const common_options *options);
@@ -94,6 +112,9 @@ const offline_api *offline_open(pal_error *error);
 void interrupt_install(void);
 /// The signal that arrived, or 0.
 int interrupt_signal(void);
+/// From here on a signal ends the process at once, one that arrived before too: for the part of a
+/// command that has nothing to clean up.
+void interrupt_restore(void);
 /// SIGUSR1 asks for a dump; without this it ends the process.
 void dump_install(void);
 /// 1 once for each burst of SIGUSR1 that arrived.
@@ -111,6 +132,13 @@ void print_json(json_t *object);
 int print_finish(int status);
 /// Report an error on stderr (and as {"error": ...} on stdout with --json). @return exit status
 int report_error(const common_options *options, pal_status status, const pal_error *error);
+/// A text that somebody else wrote as JSON: bytes that are not UTF-8 become U+FFFD.
+json_t *json_text(const char *text);
+/// {"status": ..., "message": ...} of an error.
+json_t *json_error(pal_status status, const pal_error *error);
+/// Small strain ends somewhere: what a linear answer beyond it is worth must be said.
+/// @param option  "--by"  @param move  [m]  @return 1 with the warning in text, else 0
+int large_move(const pal_model *model, const char *option, double move, char *text, size_t size);
 json_t *json_vector3(const double v[3]);
 json_t *json_info(const pal_model *model);
 json_t *json_certificate(const pal_certificate *c);

@@ -1,18 +1,30 @@
 /// @file progress.c  The progress line on a terminal, and clean interruption.
 #include "haptic/program/program.h"
 
+#include <errno.h>
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
 
 static volatile sig_atomic_t signal_seen = 0;
+static struct timespec signal_time; // of the first one
 
+/// Asked twice, the program goes at once; files have their names only when whole. Twice within half
+/// a second is once: `timeout` and shells signal a process and then its group.
 static void on_signal(int number) {
-    if (signal_seen) {
-        _exit(128 + number); // asked twice: nothing half-written exists (temporary file + rename)
+    struct timespec now;
+    int saved = errno;
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    errno = saved;
+    if (!signal_seen) {
+        signal_time = now;
+        signal_seen = number;
+    } else if ((double)(now.tv_sec - signal_time.tv_sec) +
+                   1e-9 * (double)(now.tv_nsec - signal_time.tv_nsec) >
+               0.5) {
+        _exit(128 + number);
     }
-    signal_seen = number;
 }
 
 void interrupt_install(void) {
@@ -26,6 +38,14 @@ void interrupt_install(void) {
 
 int interrupt_signal(void) {
     return signal_seen;
+}
+
+void interrupt_restore(void) {
+    (void)signal(SIGINT, SIG_DFL);
+    (void)signal(SIGTERM, SIG_DFL);
+    if (signal_seen) {
+        (void)raise(signal_seen);
+    }
 }
 
 static volatile sig_atomic_t dump_seen = 0;

@@ -40,12 +40,15 @@ pal_status pal_picture_write_png(const char *path, int width, int height, const 
     for (size_t i = 0; i < (size_t)width * (size_t)height; i++) {
         opaque[4 * i + 3] = 255;
     }
+    errno = 0;
     int ok = png_image_write_to_file(&image, temporary, 0, opaque, 0, NULL);
+    int why = errno; // of the system; libpng says no more than that it failed
     free(opaque);
     if (!ok || rename(temporary, path) != 0) {
+        why = ok ? errno : why;
         pal_status status =
             pal_fail(error, PALPATE_ERROR_IO, "%s: the picture cannot be written: %s", path,
-                     ok ? strerror(errno) : image.message);
+                     why != 0 ? strerror(why) : image.message);
         (void)remove(temporary);
         return status;
     }
@@ -57,9 +60,8 @@ struct pal_gif {
     ColorMapObject *map;
     int width, height, delay; ///< delay in 1/100 s
     GifByteType *line;
-    char *path;
+    char *path, *temporary; ///< written there, renamed when whole; NULL: a device or a pipe
     int frames, failed;
-    int regular; ///< not a device or a pipe
 };
 
 /// Bayer's 4 x 4 ordered dither, in [0, 1).
@@ -86,11 +88,19 @@ pal_status pal_gif_open(const char *path, int width, int height, double frame_se
     g->line = malloc((size_t)width);
     g->map = GifMakeMapObject(256, colours);
     g->path = strdup(path);
-    int fd =
-        open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666); // giflib's own mode is 0600
-    int why = fd < 0 ? errno : 0;
     struct stat found;
-    g->regular = fd >= 0 && fstat(fd, &found) == 0 && S_ISREG(found.st_mode);
+    size_t room = strlen(path) + 32;
+    if (stat(path, &found) != 0 || S_ISREG(found.st_mode)) {
+        g->temporary = malloc(room);
+        if (g->temporary == NULL) {
+            (void)pal_gif_close(g, NULL);
+            return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory");
+        }
+        (void)snprintf(g->temporary, room, "%s.%ld.tmp", path, (long)getpid());
+    }
+    int fd = open(g->temporary != NULL ? g->temporary : path,
+                  O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666); // giflib's own mode is 0600
+    int why = fd < 0 ? errno : 0;
     g->file = fd < 0 ? NULL : EGifOpenFileHandle(fd, &code);
     if (fd >= 0 && g->file == NULL) {
         (void)close(fd);
@@ -101,6 +111,7 @@ pal_status pal_gif_open(const char *path, int width, int height, double frame_se
                      why    ? strerror(why)
                      : code ? GifErrorString(code)
                             : "out of memory");
+        g->failed = 1;
         (void)pal_gif_close(g, NULL);
         return status;
     }
@@ -147,24 +158,29 @@ pal_status pal_gif_add(pal_gif *g, const uint8_t *rgba, pal_error *error) {
 }
 
 pal_status pal_gif_close(pal_gif *g, pal_error *error) {
-    int code = 0, ok = 1;
+    int code = 0, ok = 1, why = 0;
     if (g == NULL) {
         return PALPATE_OK;
     }
     if (g->file != NULL) {
         ok = EGifCloseFile(g->file, &code) != GIF_ERROR;
-        if ((!ok || g->failed) && g->regular &&
-            g->path != NULL) { // a torn animation is worth nothing
-            (void)remove(g->path);
+        if (g->temporary != NULL && ok && !g->failed && rename(g->temporary, g->path) != 0) {
+            why = errno;
+            ok = 0;
         }
     }
+    if (g->temporary != NULL && (!ok || g->failed || g->file == NULL)) {
+        (void)remove(g->temporary); // a torn animation is worth nothing
+    }
+    pal_status status = ok ? PALPATE_OK
+                           : pal_fail(error, PALPATE_ERROR_IO, "%s: the GIF cannot be finished: %s",
+                                      g->path, why != 0 ? strerror(why) : GifErrorString(code));
     if (g->map != NULL) {
         GifFreeMapObject(g->map);
     }
     free(g->line);
     free(g->path);
+    free(g->temporary);
     free(g);
-    return ok ? PALPATE_OK
-              : pal_fail(error, PALPATE_ERROR_IO, "the GIF cannot be finished: %s",
-                         GifErrorString(code));
+    return status;
 }

@@ -31,23 +31,45 @@ static void fail_formats_and_prefix_keeps_the_rest(void **state) {
     assert_int_equal(pal_fail_prefix(NULL, PALPATE_ERROR_IO, "nobody listens"), PALPATE_ERROR_IO);
 }
 
-static void messages_longer_than_the_buffer_are_cut(void **state) {
+/// An endless name in the middle must not cost the reason at the end, nor tear a character.
+static void messages_longer_than_the_buffer_lose_their_middle(void **state) {
     (void)state;
     char text[3000];
     memset(text, 'a', sizeof text - 1);
     text[sizeof text - 1] = 0;
     pal_error e = {0};
-    pal_fail(&e, PALPATE_ERROR_IO, "%s", text);
+    pal_fail(&e, PALPATE_ERROR_IO, "place %s: reason; remedy", text);
     assert_int_equal(strlen(e.message), sizeof e.message - 1);
-    pal_fail_prefix(&e, PALPATE_ERROR_IO, "%s", text);
+    assert_memory_equal(e.message, "place aaa", 9);
+    assert_non_null(strstr(e.message, "aaa...aaa"));
+    assert_string_equal(e.message + strlen(e.message) - 19, "aaa: reason; remedy");
+    pal_fail_prefix(&e, PALPATE_ERROR_IO, "scene %s", text);
     assert_int_equal(strlen(e.message), sizeof e.message - 1);
+    assert_memory_equal(e.message, "scene aaa", 9);
+    assert_string_equal(e.message + strlen(e.message) - 8, "; remedy");
+    for (int shift = 0; shift < 3; shift++) { // three-byte characters at every offset
+        size_t n = 0;
+        while (n < (size_t)shift) {
+            text[n++] = 'x';
+        }
+        for (; n + 3 < sizeof text; n += 3) {
+            memcpy(text + n, "\342\202\254", 3);
+        }
+        text[n] = 0;
+        pal_fail(&e, PALPATE_ERROR_IO, "%s", text);
+        const char *gap = strstr(e.message, "...");
+        assert_non_null(gap);
+        assert_int_equal((gap - e.message - shift) % 3, 0);
+        assert_int_equal(strlen(gap + 3) % 3, 0);
+        assert_true(strlen(e.message) >= sizeof e.message - 5);
+    }
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(names_and_texts_cover_the_list),
         cmocka_unit_test(fail_formats_and_prefix_keeps_the_rest),
-        cmocka_unit_test(messages_longer_than_the_buffer_are_cut),
+        cmocka_unit_test(messages_longer_than_the_buffer_lose_their_middle),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -247,7 +247,7 @@ static void refuses(void **state) {
         {"--depths 0.01,", "numbers of 0 or more"},
         {"--depths nan", "numbers of 0 or more"},
         {"--depths 0.01 --contact soft", "rest or full"},
-        {"", "give a SCENE or MODEL, --tool and --depths"},
+        {"", "give --tool and --depths"},
         {"--depths 0.01 --set tools.0.start=null", "needs its start"},
         {"--depths 0.01 --set tools.0.start=[5,5,1]", "meets no touchable place"},
         {"--depths 0.01 --set tools.0.shape=point --contact full", "no surface to slide on"},

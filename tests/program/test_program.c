@@ -39,7 +39,8 @@ static void every_command_helps_with_an_example(void **state) {
         assert_int_equal(r.status, 0);
         assert_non_null(strstr(r.out, "Example:"));
         assert_non_null(strstr(r.out, "--json"));
-        assert_non_null(strstr(r.out, "--set"));
+        const int builds = i < 5; // where no scene is built there is nothing to set
+        assert_true((strstr(r.out, "--set") != NULL) == builds);
         program_clear(&r);
     }
     program_result r = run("--version");
