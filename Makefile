@@ -48,6 +48,8 @@ SANITIZE_tsan     := -fsanitize=thread -fno-omit-frame-pointer
 SANITIZE_coverage := --coverage -O1 -fno-inline
 SANITIZE_fuzz     := -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 SANITIZE := $(SANITIZE_$(VARIANT))
+# linked into what the sanitized tests run
+LEAKS    := $(if $(filter asan,$(VARIANT)),$(BUILD)/obj/tests/leaks.o)
 ifneq ($(VARIANT),plain)
 # warnings that sanitizer instrumentation makes up must not stop a sanitizer build
 WERROR   :=
@@ -170,9 +172,9 @@ $(READER): $(READER_OBJ)
 	$(if $(V),,@echo "  LINK $@")
 	$(Q)$(CC) $(SANITIZE) $^ $(READER_LIBS) $(LDFLAGS) -o $@
 ifneq ($(PROGRAM),)
-$(PROGRAM): $(PROGRAM_OBJ) $(VIEW_A) $(LIB_SO) $(OFFLINE_SO)
+$(PROGRAM): $(PROGRAM_OBJ) $(LEAKS) $(VIEW_A) $(LIB_SO) $(OFFLINE_SO)
 	$(if $(V),,@echo "  LINK $@")
-	$(Q)$(CC) $(SANITIZE) -rdynamic $(RPATH) $(PROGRAM_OBJ) $(VIEW_A) -L$(BUILD) -l:libpalpate.so.$(ABI) $(PROGRAM_LIBS) $(ONLINE_LIBS) $(LDFLAGS) -o $@
+	$(Q)$(CC) $(SANITIZE) -rdynamic $(RPATH) $(PROGRAM_OBJ) $(LEAKS) $(VIEW_A) -L$(BUILD) -l:libpalpate.so.$(ABI) $(PROGRAM_LIBS) $(ONLINE_LIBS) $(LDFLAGS) -o $@
 endif
 
 # ---- Demo ------------------------------------------------------------------------------------
@@ -196,7 +198,7 @@ run-demo:
 # ---- Tests: every tests/*/test_*.c is a cmocka program, every test_*.sh prints TAP --------------
 TEST_AUX_OBJ := $(call obj,$(TEST_AUX))
 $(call obj,$(TEST_SRC) $(TEST_AUX)): EXTRA = $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) $(PROGRAM_PC)) -isystem /usr/include/suitesparse
-$(TEST_BIN): $(BUILD)/tests/%: $(BUILD)/obj/tests/%.o $(TEST_AUX_OBJ) $(VIEW_A) $(OFFLINE_A) $(LIB_A)
+$(TEST_BIN): $(BUILD)/tests/%: $(BUILD)/obj/tests/%.o $(TEST_AUX_OBJ) $(LEAKS) $(VIEW_A) $(OFFLINE_A) $(LIB_A)
 	@mkdir -p $(@D)
 	$(if $(V),,@echo "  LINK $@")
 	$(Q)$(CC) $(SANITIZE) $(filter %.o,$^) $(VIEW_A) $(OFFLINE_A) $(LIB_A) -lcmocka $(ONLINE_LIBS) $(OFFLINE_LIBS) $(PROGRAM_LIBS) $(LDFLAGS) -o $@

@@ -19,8 +19,13 @@ pal_status pal_estimate_scene(const pal_scene *scene, pal_scene *coarse, pal_err
         pal_estimate_scene_clear(coarse);
         return pal_fail(error, PALPATE_ERROR_MEMORY, "out of memory");
     }
-    memcpy(coarse->refine, scene->refine, (size_t)scene->refine_count * sizeof *coarse->refine);
-    memcpy(coarse->patch, scene->patch, (size_t)scene->patch_count * sizeof *coarse->patch);
+    // empty lists are null, which memcpy may not be given
+    if (scene->refine_count > 0) {
+        memcpy(coarse->refine, scene->refine, (size_t)scene->refine_count * sizeof *coarse->refine);
+    }
+    if (scene->patch_count > 0) {
+        memcpy(coarse->patch, scene->patch, (size_t)scene->patch_count * sizeof *coarse->patch);
+    }
     coarse->touchable.count = 0; // the patches' columns only
     coarse->probe_count = 0;
     coarse->store_rows = PALPATE_STORE_NONE;

@@ -83,7 +83,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     union {
         pal_reader_reply reader;
         pal_mesher_reply mesher;
-        uint8_t byte[1];
+        uint8_t byte[40]; // the bytes that are changed
     } head;
     memset(&head, 0, sizeof head);
     size_t head_size = mesher ? sizeof head.mesher : sizeof head.reader, rest = size - 6;
@@ -100,7 +100,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
                                          .vertex_count = data[1],
                                          .triangle_count = data[2]};
     }
-    head.byte[data[3] % 40] ^= data[4]; // 0 changes nothing
+    head.byte[data[3] % sizeof head.byte] ^= data[4]; // 0 changes nothing
     uint8_t *answer = malloc(head_size + rest);
     if (answer == NULL) {
         abort();

@@ -262,10 +262,15 @@ static void a_field_too_large_for_the_period_costs_frames_not_forces(void **stat
     assert_true(r.field_skipped > r.ticks / 4);
     assert_true(r.field_skipped <= r.ticks);
     // by the render thread the same body needs nothing of the period
-    pal_session_report q = run(model, PALPATE_FIELD_BY_READER, 0, 0.5, 1e-4, &log);
-    assert_int_equal(q.ticks + q.missed, 5000);
-    assert_true(log.count >= 1);
-    assert_true(log.deepest > 1e-4);
+    // (a frame of the pressed body in 0.5 s, or longer where a sanitizer or a busy machine is slow)
+    for (double seconds = 0.5;; seconds *= 4) {
+        pal_session_report q = run(model, PALPATE_FIELD_BY_READER, 0, seconds, 1e-4, &log);
+        assert_int_equal(q.ticks + q.missed, lround(seconds * 1e4));
+        if (log.count >= 1 && log.deepest > 1e-4) {
+            break;
+        }
+        assert_true(seconds < 30);
+    }
     pal_model_free(model);
 }
 
