@@ -1,48 +1,57 @@
-/// @file dense.c  Cholesky and LU for the tick: left-looking, register-tiled, fixed order.
+/// @file dense.c  Cholesky and LU for the tick: register-tiled, fixed order.
 ///
-/// Left-looking (jki): a panel of PANEL columns is brought up to date with all columns to its left
-/// in tiles of TILE rows held in registers, then factored itself. An element sees its updates in
-/// ascending k, one rounded multiply and one rounded subtract each, so tiling and vector width do
-/// not show in the result. Vectors are GCC/clang vector extensions: plain element-wise arithmetic
-/// that the compiler lowers to whatever the target has; on x86-64 the same source is compiled a
-/// second time for AVX2 (without FMA) and chosen at run time. Algorithms: Golub and Van Loan,
-/// Matrix Computations, 4th ed., 3.2 (LU), 4.2 (Cholesky), 6.5.4 (removing a row and column).
+/// Cholesky left-looking (jki): a panel of PANEL columns is brought up to date with all columns to
+/// its left in tiles of TILE rows held in registers, then factored itself. An element sees its
+/// updates in ascending k, one rounded multiply and one rounded subtract each, so tiling and vector
+/// width do not show in the result. Vectors are GCC/clang vector extensions: plain element-wise
+/// arithmetic that the compiler lowers to whatever the target has; on x86-64 the same source is
+/// compiled a second time for AVX2 (without FMA) and chosen at run time. Algorithms: Golub and Van
+/// Loan, Matrix Computations, 4th ed., 3.2 (LU), 4.2 (Cholesky), 6.5.4 (removing a row and column).
 #include "haptic/base/dense.h"
 
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
 
-typedef double lanes __attribute__((vector_size(32)));
+#include "haptic/base/wide.h"
 
-enum { LANES = 4, TILE = 8, PANEL = 4 };
+typedef pal_lanes lanes;
 
-#define INLINE static inline __attribute__((always_inline))
+enum { LANES = PALPATE_LANES, TILE = 8, PANEL = 4 };
+
+#define INLINE PALPATE_INLINE
 #define AT(a, i, j) ((a)[(size_t)(i) + (size_t)(j) * (size_t)(ld)])
 
 /// c -= a b for `vectors` x LANES rows and PANEL columns held in registers; b by strides as below.
 INLINE void update_registers(const int vectors, int32_t depth, const double *a, double *c,
                              int32_t ld, const double *b, size_t bk, size_t bj) {
     lanes acc[PANEL][TILE / LANES];
+    PALPATE_UNROLL
     for (int j = 0; j < PANEL; j++) {
+        PALPATE_UNROLL
         for (int r = 0; r < vectors; r++) {
             memcpy(&acc[j][r], &AT(c, LANES * r, j), sizeof(lanes));
         }
     }
     for (int32_t k = 0; k < depth; k++) {
         lanes left[TILE / LANES];
+        PALPATE_UNROLL
         for (int r = 0; r < vectors; r++) {
             memcpy(&left[r], &AT(a, LANES * r, k), sizeof(lanes));
         }
+        PALPATE_UNROLL
         for (int j = 0; j < PANEL; j++) {
             double s = b[(size_t)k * bk + (size_t)j * bj];
             lanes right = {s, s, s, s};
+            PALPATE_UNROLL
             for (int r = 0; r < vectors; r++) {
                 acc[j][r] -= left[r] * right;
             }
         }
     }
+    PALPATE_UNROLL
     for (int j = 0; j < PANEL; j++) {
+        PALPATE_UNROLL
         for (int r = 0; r < vectors; r++) {
             memcpy(&AT(c, LANES * r, j), &acc[j][r], sizeof(lanes));
         }
@@ -156,32 +165,11 @@ INLINE void swap_rows(double *a, int32_t ld, int32_t p, int32_t q, int32_t from,
     }
 }
 
+/// Right-looking: a panel is factored, then everything behind it updated, so that each element
+/// still sees its updates in ascending k.
 INLINE int32_t lu(int32_t n, double *a, int32_t ld, int32_t *pivot) {
     for (int32_t j0 = 0; j0 < n; j0 += PANEL) {
         int32_t width = smaller(PANEL, n - j0), end = j0 + width;
-        for (int32_t k = 0; k < j0; k++) { // interchanges made left of the panel
-            if (pivot[k] != k) {
-                swap_rows(a, ld, k, pivot[k], j0, end);
-            }
-        }
-        // rows of U in the panel: unit lower solve, tile by tile
-        for (int32_t i0 = 0; i0 < j0; i0 += TILE) {
-            int32_t rows = smaller(TILE, j0 - i0);
-            update_tile(rows, width, i0, &AT(a, i0, 0), &AT(a, i0, j0), ld, &AT(a, 0, j0), 1,
-                        (size_t)ld);
-            for (int32_t j = j0; j < end; j++) {
-                for (int32_t k = i0; k < i0 + rows; k++) {
-                    double s = AT(a, k, j);
-                    for (int32_t i = k + 1; i < i0 + rows; i++) {
-                        AT(a, i, j) -= AT(a, i, k) * s;
-                    }
-                }
-            }
-        }
-        for (int32_t i = j0; i < n; i += TILE) {
-            update_tile(smaller(TILE, n - i), width, j0, &AT(a, i, 0), &AT(a, i, j0), ld,
-                        &AT(a, 0, j0), 1, (size_t)ld);
-        }
         for (int32_t j = j0; j < end; j++) {
             for (int32_t k = j0; k < j; k++) {
                 subtract(&AT(a, 0, k), AT(a, k, j), &AT(a, 0, j), k + 1, n);
@@ -189,19 +177,38 @@ INLINE int32_t lu(int32_t n, double *a, int32_t ld, int32_t *pivot) {
             int32_t best = j;
             double largest = fabs(AT(a, j, j));
             for (int32_t i = j + 1; i < n; i++) {
-                if (fabs(AT(a, i, j)) > largest) {
-                    largest = fabs(AT(a, i, j));
-                    best = i;
-                }
+                double size = fabs(AT(a, i, j));
+                best = size > largest ? i : best;
+                largest = size > largest ? size : largest;
             }
             pivot[j] = best;
             if (!(largest > 0) || !isfinite(largest)) {
                 return j + 1;
             }
             if (best != j) {
-                swap_rows(a, ld, j, best, 0, end);
+                swap_rows(a, ld, j, best, 0, n);
             }
             divide(&AT(a, 0, j), AT(a, j, j), j + 1, n);
+        }
+        for (int32_t j = end; j < n; j += PANEL) {
+            int32_t columns = smaller(PANEL, n - j);
+            for (int32_t c = j; c < j + columns; c++) { // rows of U
+                const double *l = &AT(a, j0, j0);
+                double x[PANEL]; // the last panel, which may be narrower, has nothing behind it
+                PALPATE_UNROLL
+                for (int i = 0; i < PANEL; i++) {
+                    x[i] = AT(a, j0 + i, c);
+                    PALPATE_UNROLL
+                    for (int k = 0; k < i; k++) {
+                        x[i] -= AT(l, i, k) * x[k];
+                    }
+                    AT(a, j0 + i, c) = x[i];
+                }
+            }
+            for (int32_t i = end; i < n; i += TILE) {
+                update_tile(smaller(TILE, n - i), columns, PANEL, &AT(a, i, j0), &AT(a, i, j), ld,
+                            &AT(a, j0, j), 1, (size_t)ld);
+            }
         }
     }
     return 0;
@@ -263,49 +270,34 @@ INLINE void lu_solve(int32_t n, const double *a, int32_t ld, const int32_t *pivo
 // ---- One copy per instruction set
 // -----------------------------------------------------------------
 
-#if defined(__x86_64__) && !defined(PALPATE_DENSE_BASELINE)
-#define AVX2 __attribute__((target("avx2")))
-AVX2 static int32_t cholesky_avx2(int32_t n, int32_t first, double *a, int32_t ld) {
+PALPATE_AVX2 static int32_t cholesky_avx2(int32_t n, int32_t first, double *a, int32_t ld) {
     return cholesky(n, first, a, ld);
 }
-AVX2 static int32_t lu_avx2(int32_t n, double *a, int32_t ld, int32_t *pivot) {
+PALPATE_AVX2 static int32_t lu_avx2(int32_t n, double *a, int32_t ld, int32_t *pivot) {
     return lu(n, a, ld, pivot);
 }
 // without AVX the compiler passes 32-byte vectors through the stack: the solves gain most
-AVX2 static void lower_solve_avx2(int32_t n, const double *l, int32_t ld, double *x) {
+PALPATE_AVX2 static void lower_solve_avx2(int32_t n, const double *l, int32_t ld, double *x) {
     lower_solve(n, l, ld, x);
 }
-AVX2 static void lower_solve_transposed_avx2(int32_t n, const double *l, int32_t ld, double *x) {
+PALPATE_AVX2 static void lower_solve_transposed_avx2(int32_t n, const double *l, int32_t ld,
+                                                     double *x) {
     lower_solve_transposed(n, l, ld, x);
 }
-AVX2 static void lu_solve_avx2(int32_t n, const double *a, int32_t ld, const int32_t *pivot,
-                               double *x) {
+PALPATE_AVX2 static void lu_solve_avx2(int32_t n, const double *a, int32_t ld, const int32_t *pivot,
+                                       double *x) {
     lu_solve(n, a, ld, pivot, x);
 }
-static int have_avx2(void) {
-    return __builtin_cpu_supports("avx2");
-}
-#else
-#define cholesky_avx2 cholesky
-#define lu_avx2 lu
-#define lower_solve_avx2 lower_solve
-#define lower_solve_transposed_avx2 lower_solve_transposed
-#define lu_solve_avx2 lu_solve
-static int have_avx2(void) {
-    return 0;
-}
-#endif
-
 int32_t pal_dense_cholesky(int32_t n, int32_t first, double *a, int32_t ld) {
-    return have_avx2() ? cholesky_avx2(n, first, a, ld) : cholesky(n, first, a, ld);
+    return pal_have_avx2() ? cholesky_avx2(n, first, a, ld) : cholesky(n, first, a, ld);
 }
 
 int32_t pal_dense_lu(int32_t n, double *a, int32_t ld, int32_t *pivot) {
-    return have_avx2() ? lu_avx2(n, a, ld, pivot) : lu(n, a, ld, pivot);
+    return pal_have_avx2() ? lu_avx2(n, a, ld, pivot) : lu(n, a, ld, pivot);
 }
 
 void pal_dense_lower_solve(int32_t n, const double *l, int32_t ld, double *x) {
-    if (have_avx2()) {
+    if (pal_have_avx2()) {
         lower_solve_avx2(n, l, ld, x);
     } else {
         lower_solve(n, l, ld, x);
@@ -313,7 +305,7 @@ void pal_dense_lower_solve(int32_t n, const double *l, int32_t ld, double *x) {
 }
 
 void pal_dense_lower_solve_transposed(int32_t n, const double *l, int32_t ld, double *x) {
-    if (have_avx2()) {
+    if (pal_have_avx2()) {
         lower_solve_transposed_avx2(n, l, ld, x);
     } else {
         lower_solve_transposed(n, l, ld, x);
@@ -333,7 +325,7 @@ void pal_dense_lu_solve(int32_t n, const double *a, int32_t ld, const int32_t *p
                         double *b, int32_t ldb) {
     for (int32_t j = 0; j < count; j++) {
         double *x = b + (size_t)j * (size_t)ldb;
-        if (have_avx2()) {
+        if (pal_have_avx2()) {
             lu_solve_avx2(n, a, ld, pivot, x);
         } else {
             lu_solve(n, a, ld, pivot, x);

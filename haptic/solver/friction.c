@@ -65,7 +65,7 @@ typedef struct friction_work {
     double cn, ct;   ///< of z and y
     double norm;     ///< || q || of the header
     double best;     ///< residual of best_f
-    double *system, *x, *f, *w, *step, *wstep, *trial, *wtrial, *best_f, *centre, *moved;
+    double *system, *x, *f, *w, *step, *wstep, *trial, *wtrial, *best_f, *best_w, *moved;
     point *point;
     int32_t *pivot;
     void *lcp;
@@ -91,7 +91,7 @@ static void place(friction_work *s, int32_t points, void *memory) {
     s->system = at;
     at += n * n;
     double **vector[WORK_VECTORS] = {&s->x,     &s->f,      &s->w,      &s->step,   &s->wstep,
-                                     &s->trial, &s->wtrial, &s->best_f, &s->centre, &s->moved};
+                                     &s->trial, &s->wtrial, &s->best_f, &s->best_w, &s->moved};
     for (int i = 0; i < WORK_VECTORS; i++, at += n) {
         *vector[i] = at;
     }
@@ -131,6 +131,9 @@ PALPATE_INLINE void product_tiles(const pal_friction *p, double shift, const dou
     int32_t n = p->rows, i = 0;
     for (; i + PRODUCT * PALPATE_LANES <= n; i += PRODUCT * PALPATE_LANES) {
         product_tile(PRODUCT, p, shift, f, y, i);
+    }
+    for (; i + PRODUCT / 2 * PALPATE_LANES <= n; i += PRODUCT / 2 * PALPATE_LANES) {
+        product_tile(PRODUCT / 2, p, shift, f, y, i);
     }
     for (; i + PALPATE_LANES <= n; i += PALPATE_LANES) {
         product_tile(1, p, shift, f, y, i);
@@ -250,6 +253,7 @@ static double keep_best(friction_work *s, const double *f) {
     if (residual < s->best) {
         s->best = residual;
         memcpy(s->best_f, s->trial, (size_t)s->p->rows * sizeof *f);
+        memcpy(s->best_w, s->wtrial, (size_t)s->p->rows * sizeof *f);
     }
     return residual;
 }
@@ -300,7 +304,7 @@ static int32_t predict(friction_work *s, const uint8_t *hint, int *symmetric) {
 }
 
 /// B' v of the rows v of point `c`. @return their number
-static int32_t rows_of(const point *c, const double *v, double *to) {
+static inline int32_t rows_of(const point *c, const double *v, double *to) {
     to[0] = v[0];
     if (c->kind == PALPATE_POINT_STICK) {
         to[1] = v[1];
@@ -314,7 +318,44 @@ static int32_t rows_of(const point *c, const double *v, double *to) {
     return 1;
 }
 
-/// The system of the states predicted, and x = -B' q.
+/// M A of a slipping point: along = m_n + mu (d_1 m_1 + d_2 m_2), across = d_1 m_2 - d_2 m_1, n
+/// rows (m_1 and m_2 follow m_n, `ld` apart).
+PALPATE_INLINE void slip_columns(int32_t n, const double *m, size_t ld, double mu,
+                                 const double d[2], double *along, double *across) {
+    int32_t i = 0;
+    for (; i + PALPATE_LANES <= n; i += PALPATE_LANES) {
+        pal_lanes a, t1, t2;
+        PALPATE_LOAD(a, m + i);
+        PALPATE_LOAD(t1, m + ld + i);
+        PALPATE_LOAD(t2, m + 2 * ld + i);
+        a = a + mu * (d[0] * t1 + d[1] * t2);
+        t2 = d[0] * t2 - d[1] * t1;
+        PALPATE_STORE(along + i, a);
+        PALPATE_STORE(across + i, t2);
+    }
+    for (; i < n; i++) {
+        double t1 = m[ld + (size_t)i], t2 = m[2 * ld + (size_t)i];
+        along[i] = m[i] + mu * (d[0] * t1 + d[1] * t2);
+        across[i] = d[0] * t2 - d[1] * t1;
+    }
+}
+
+PALPATE_AVX2 static void slip_columns_avx2(int32_t n, const double *m, size_t ld, double mu,
+                                           const double d[2], double *along, double *across) {
+    slip_columns(n, m, ld, mu, d, along, across);
+}
+
+/// B' of a column of M or M A.
+static void project_rows(const friction_work *s, const double *column, double *to) {
+    for (int32_t i = 0; i < s->p->points; i++) {
+        const point *r = &s->point[i];
+        if (r->kind != PALPATE_POINT_OPEN) {
+            rows_of(r, column + r->row, to + r->at);
+        }
+    }
+}
+
+/// The system of the states predicted, and x = -B' q. Uses s->step, s->wstep.
 static void assemble(friction_work *s, int32_t unknowns) {
     const pal_friction *p = s->p;
     size_t ld = (size_t)p->ld, k = (size_t)unknowns;
@@ -325,29 +366,15 @@ static void assemble(friction_work *s, int32_t unknowns) {
         }
         const double *m = p->m + (size_t)c->row * ld, *q = s->q + c->row;
         double *to = s->system + (size_t)c->at * k;
-        for (int32_t i = 0; i < p->points; i++) {
-            const point *r = &s->point[i];
-            if (r->kind == PALPATE_POINT_OPEN) {
-                continue;
+        if (c->kind == PALPATE_POINT_STICK || c->rows == 1) {
+            for (int32_t l = 0; l < c->rows; l++) {
+                project_rows(s, m + (size_t)l * ld, to + (size_t)l * k);
             }
-            const double *a = m + r->row;
-            size_t at = (size_t)r->at;
-            if (c->rows == 1) {
-                rows_of(r, a, to + at);
-            } else if (c->kind == PALPATE_POINT_STICK) {
-                rows_of(r, a, to + at);
-                rows_of(r, a + ld, to + at + k);
-                rows_of(r, a + 2 * ld, to + at + 2 * k);
-            } else {
-                double along[3] = {0}, across[3] = {0};
-                for (int l = 0; l < r->rows; l++) {
-                    double t1 = a[(size_t)l + ld], t2 = a[(size_t)l + 2 * ld];
-                    along[l] = a[l] + c->mu * (c->d[0] * t1 + c->d[1] * t2);
-                    across[l] = c->d[0] * t2 - c->d[1] * t1;
-                }
-                rows_of(r, along, to + at);
-                rows_of(r, across, to + at + k);
-            }
+        } else {
+            (pal_have_avx2() ? slip_columns_avx2 : slip_columns)(p->rows, m, ld, c->mu, c->d,
+                                                                 s->step, s->wstep);
+            project_rows(s, s->step, to);
+            project_rows(s, s->wstep, to + k);
         }
         // a on M's diagonal: B' A of the point's own rows is the unit matrix
         to += c->at;
@@ -408,6 +435,14 @@ static int newton_point(friction_work *s, const uint8_t *hint) {
     return 0;
 }
 
+/// trial = f + length step, wtrial its gaps.
+static void try_step(friction_work *s, double length) {
+    for (int32_t i = 0; i < s->p->rows; i++) {
+        s->trial[i] = s->f[i] + length * s->step[i];
+        s->wtrial[i] = s->w[i] + length * s->wstep[i];
+    }
+}
+
 /// Newton on (M + shift, s->q) from s->f, at most `steps`. @return 1 when solved
 static int newton(friction_work *s, int32_t steps, const uint8_t *hint) {
     int32_t n = s->p->rows;
@@ -434,10 +469,7 @@ static int newton(friction_work *s, int32_t steps, const uint8_t *hint) {
         product(s->p, s->shift, s->step, s->wstep);
         double least = HUGE_VAL, length = 1, taken = 1;
         for (int k = 0; k < HALVINGS; k++, length *= 0.5) {
-            for (int32_t i = 0; i < n; i++) {
-                s->trial[i] = s->f[i] + length * s->step[i];
-                s->wtrial[i] = s->w[i] + length * s->wstep[i];
-            }
+            try_step(s, length);
             double value = merit(s, s->trial, s->wtrial);
             if (value < least) {
                 least = value;
@@ -450,11 +482,11 @@ static int newton(friction_work *s, int32_t steps, const uint8_t *hint) {
         if (!(least < HUGE_VAL)) {
             return 0;
         }
-        for (int32_t i = 0; i < n; i++) {
-            s->f[i] += taken * s->step[i];
-        }
-        gap(s->p, s->shift, s->q, s->f, s->w);
-        now = merit(s, s->f, s->w);
+        // w goes along; what rounding adds to it is seen by keep_best, which takes it anew
+        try_step(s, taken);
+        memcpy(s->f, s->trial, (size_t)n * sizeof *s->f);
+        memcpy(s->w, s->wtrial, (size_t)n * sizeof *s->w);
+        now = least;
     }
     return now <= TOLERANCE;
 }
@@ -495,7 +527,7 @@ static void raise_mu(friction_work *s) {
     keep_best(s, s->f);
 }
 
-/// The states of best_f, from its forces; w is that of best_f.
+/// The states of best_f, from its forces.
 static void finish(friction_work *s, uint8_t *state, double *f, double *w) {
     for (int32_t i = 0; i < s->p->points; i++) {
         const point *c = &s->point[i];
@@ -506,7 +538,7 @@ static void finish(friction_work *s, uint8_t *state, double *f, double *w) {
                               : PALPATE_POINT_OPEN;
     }
     memcpy(f, s->best_f, (size_t)s->p->rows * sizeof *f);
-    gap(s->p, 0, s->p->q, f, w);
+    memcpy(w, s->best_w, (size_t)s->p->rows * sizeof *f);
 }
 
 static pal_friction_result solve_frictionless(const friction_work *s, int32_t max_iterations,
@@ -554,14 +586,16 @@ pal_friction_result pal_friction_solve(const pal_friction *problem, int32_t max_
     s.best = HUGE_VAL;
     memcpy(s.f, f, n * sizeof *f);
     memset(s.best_f, 0, n * sizeof *f);
+    memcpy(s.best_w, p->q, n * sizeof *f);
     if (!(keep_best(&s, s.f) <= TOLERANCE)) { // else the start is the solution
-        memset(s.step, 0, n * sizeof *f);
-        keep_best(&s, s.step); // no worse than f = 0
         newton(&s, NEWTON, touching ? state : NULL);
         keep_best(&s, s.f);
     }
-    if (s.best > TOLERANCE && s.left > 0) {
+    if (s.best > TOLERANCE) { // no worse than f = 0
         memset(s.f, 0, n * sizeof *f);
+        keep_best(&s, s.f);
+    }
+    if (s.best > TOLERANCE && s.left > 0) {
         s.ct = 0.1;
         newton(&s, NEWTON, NULL);
         keep_best(&s, s.f);
