@@ -78,8 +78,7 @@ static const char doc[] =
     "to the body [N]; the radius is that of the circle with the area of contact [m]. The tool's "
     "limits and "
     "coupling play no part.\n\n"
-    "Example:\n  palpate indent scenes/block.yaml --tool ball --depths 0.02,0.05,0.1,0.15,0.2 "
-    "--json";
+    "Example:\n  palpate indent scenes/block.yaml --tool ball --depths 0.02,0.05,0.1 --json";
 
 static const pal_tool_def *find_tool(const pal_runtime_config *runtime, const char *name,
                                      pal_error *error) {

@@ -49,7 +49,8 @@ static const char doc[] =
     "on the same model gives none, also of a run that missed periods.\n\n"
     "Example:\n  palpate run scenes/hemisphere.yaml --for 5 --record press.h5\n"
     "  palpate replay press.h5\n"
-    "  palpate precompute scenes/hemisphere.yaml --set body.material.young=5e3 -o soft.palpate\n"
+    "  palpate precompute scenes/hemisphere.yaml --set body.material.young=5e3 \\\n"
+    "    -o soft.palpate\n"
     "  palpate replay press.h5 --against soft.palpate";
 
 static json_t *json_force(const pal_tool_force *f) {

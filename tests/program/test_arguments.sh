@@ -53,6 +53,12 @@ for c in precompute info press indent run recover replay plot view; do
 	says 2 "at a time" $c one two
 	says 2 "unrecognized option" $c --bogus
 done
+# argp wraps at 79 columns, and a wrapped example is no command any more
+for c in precompute info press indent run recover replay plot view doctor schema; do
+	"$PALPATE" $c --help | sed -n '/^Example:/,/^$/p' | sed 1d >log
+	[ -s log ] && ! grep -v -q -e '^ *$' -e '^  ' log
+	check "palpate $c --help: every line of the example is whole" $?
+done
 for c in doctor schema; do says 2 "Too many arguments" $c extra; done
 
 # ---- --set where no scene is built: refused in words, and not offered by --help
