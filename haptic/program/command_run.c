@@ -25,6 +25,7 @@ typedef struct options {
     const char *record, *dump, *snapshot, *gif;
     int width, height;
     int draw;
+    int pictured; ///< a snapshot or an animation was asked for
 } options;
 
 enum {
@@ -436,7 +437,7 @@ static pal_status run(const source *s, options *o, pal_session_report *report, p
         pal_session_get_report(session, report);
     }
     pal_session_free(session);
-    if (status == PALPATE_OK && *paint != NULL) {
+    if (status == PALPATE_OK && *paint != NULL && o->pictured) {
         status = painter_status(*paint, error);
     }
     return status;
@@ -462,12 +463,21 @@ static pal_status check_targets(const options *o, pal_error *error) {
     return status;
 }
 
+/// Drawing for nobody that failed is no failure of the run: why it did, into error.
+static int painter_failed(const options *o, const painter *paint, pal_error *error) {
+    return paint != NULL && !o->pictured && painter_status(paint, error) != PALPATE_OK;
+}
+
 /// The report, with the error that came at the end if one did.
 static void finish_report(const source *s, const options *o, const pal_session_report *report,
                           const painter *paint, pal_status status, const pal_error *error) {
     const pal_runtime_config *runtime = pal_model_runtime(s->model);
     if (status != PALPATE_OK) {
         (void)fprintf(stderr, "%s: %s\n", o->common.command, error->message);
+    }
+    pal_error undrawn = {0};
+    if (painter_failed(o, paint, &undrawn) && !o->common.quiet) {
+        (void)fprintf(stderr, "warning: %s\n", undrawn.message);
     }
     if (!o->common.json) {
         print_report(report, o, paint);
@@ -476,7 +486,11 @@ static void finish_report(const source *s, const options *o, const pal_session_r
     }
     json_t *object = json_report(report, o);
     json_object_set_new(object, "energy", json_energy(report, runtime));
-    json_object_set_new(object, "warnings", source_warnings_json(s));
+    json_t *warnings = source_warnings_json(s);
+    if (painter_failed(o, paint, &undrawn)) {
+        json_array_append_new(warnings, json_text(undrawn.message));
+    }
+    json_object_set_new(object, "warnings", warnings);
     if (status != PALPATE_OK) {
         json_object_set_new(object, "error", json_error(status, error));
     }
@@ -499,6 +513,7 @@ int command_run(int argc, char **argv) {
     if (o.dump != NULL) {
         dump_install();
     }
+    o.pictured = o.snapshot != NULL || o.gif != NULL;
     pal_status status = check_targets(&o, &error);
     if (status == PALPATE_OK) {
         status = source_open(o.path, &o.common, 0, &s, &error);

@@ -34,6 +34,7 @@ void interrupt_install(void) {
     (void)sigemptyset(&action.sa_mask);
     (void)sigaction(SIGINT, &action, NULL);
     (void)sigaction(SIGTERM, &action, NULL);
+    (void)signal(SIGXFSZ, SIG_IGN); // a file at its limit is a write that fails, as on a full disk
 }
 
 int interrupt_signal(void) {

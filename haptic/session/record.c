@@ -11,6 +11,7 @@
 
 #include "haptic/base/error.h"
 #include "haptic/model/model.h"
+#include "haptic/recording/xdmf.h"
 #include "haptic/session/render_thread.h"
 
 enum {
@@ -65,7 +66,8 @@ static char *make_surface(const pal_model *model, int32_t rows, int32_t *triangl
 }
 
 static int put(int fd, const void *data, size_t size, int64_t offset) {
-    return pwrite(fd, data, size, offset) == (ssize_t)size ? 0 : (errno != 0 ? errno : EIO);
+    errno = 0; // a short write sets none: the disk is full, or the file at its limit
+    return pwrite(fd, data, size, offset) == (ssize_t)size ? 0 : (errno != 0 ? errno : ENOSPC);
 }
 
 static int write_frames_header(pal_recorder *r) {
@@ -125,11 +127,18 @@ pal_status pal_recorder_open(pal_recorder *r, const pal_model *model, const pal_
     if (status == PALPATE_OK) {
         status = pal_recording_name(def->record_path, ".frames", r->frames_name, error);
     }
-    // the finished file is renamed over it: root would replace a device
-    struct stat found;
-    if (status == PALPATE_OK && stat(r->path, &found) == 0 && !S_ISREG(found.st_mode)) {
-        status = pal_fail(error, PALPATE_ERROR_IO,
-                          "%s: exists and is not a regular file; choose another name", r->path);
+    // the finished files are renamed over what is there: root would replace a device
+    char companion[PALPATE_RECORDING_PATH];
+    if (status == PALPATE_OK) {
+        status = pal_xdmf_name(r->path, companion, error);
+    }
+    const char *const made[] = {r->path, companion};
+    for (size_t k = 0; status == PALPATE_OK && k < sizeof made / sizeof *made; k++) {
+        struct stat found;
+        if (stat(made[k], &found) == 0 && !S_ISREG(found.st_mode)) {
+            status = pal_fail(error, PALPATE_ERROR_IO,
+                              "%s: exists and is not a regular file; choose another name", made[k]);
+        }
     }
     if (status != PALPATE_OK) {
         return status;

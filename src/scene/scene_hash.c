@@ -5,10 +5,13 @@
 /// (not their paths), the program's version and a digest of the sources that build models. Tools
 /// and rates are not part of it.
 #include <errno.h>
+#include <fcntl.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "haptic/base/error.h"
 #include "haptic/base/hash.h"
@@ -162,8 +165,20 @@ static pal_status hash_file(pal_hash *hash, const pal_scene *scene, const char *
                             const pal_place *place, pal_error *error) {
     char where[1400];
     (void)pal_place_text(scene, place, where, sizeof where);
-    FILE *file = fopen(path, "rb");
+    // opened without waiting: a pipe's other end may never come
+    struct stat found;
+    int fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+    if (fd >= 0 && fstat(fd, &found) == 0 && !S_ISREG(found.st_mode)) {
+        (void)close(fd);
+        return pal_fail(error, PALPATE_ERROR_IO,
+                        "%.300s: %.400s is %s; give an STL, OBJ or PLY file", where, path,
+                        S_ISDIR(found.st_mode) ? "a folder" : "not a regular file");
+    }
+    FILE *file = fd >= 0 ? fdopen(fd, "rb") : NULL;
     if (file == NULL) {
+        if (fd >= 0) {
+            (void)close(fd);
+        }
         return pal_fail(error, errno == ENOMEM ? PALPATE_ERROR_MEMORY : PALPATE_ERROR_IO,
                         "%.300s: %.400s cannot be read (%s)", where, path, strerror(errno));
     }

@@ -136,6 +136,11 @@ says 1 "neither it nor its raw file missing.ticks" recover missing
 says 1 "nothing to recover: no raw file" recover "a b/r.h5"
 says 1 "give the name of the recording: x.h5" recover x.h5.ticks
 
+for f in folder pipe; do
+	sed "s/geometry:.*/geometry: {file: ..\/$f}/" "$scene" >"a b/geometry.yaml"
+	says 1 "give an STL, OBJ or PLY file" info "a b/geometry.yaml"
+done
+
 # ---- bytes that are not UTF-8, very long arguments
 b=$(printf 'x\377y'); cp "a b/r.h5" "$b.h5"
 for c in plot replay; do

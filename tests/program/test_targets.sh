@@ -81,6 +81,24 @@ else
 	check "no OpenGL: a run of an hour with a picture ends at once" $?
 fi
 
+if [ "$status" -eq 1 ]; then
+	__EGL_VENDOR_LIBRARY_FILENAMES=/nonexistent EGL_PLATFORM=none "$PALPATE" run m.palpate --for 0.2 \
+		--freewheel --json >out 2>log
+	[ $? -eq 0 ] && grep -q '"ticks": 200' out && grep -q "^warning: " log
+	check "where no picture was asked for that is a warning" $?
+fi
+mkdir c.xdmf
+"$PALPATE" run m.palpate --for 0.1 --freewheel --no-draw --record c.h5 >out 2>log
+[ $? -eq 1 ] && grep -q "c.xdmf: exists and is not a regular file" log && [ ! -s out ] && [ ! -e c.h5.ticks ]
+check "a folder where the recording's companion must go" $?
+(
+	ulimit -f 20 # blocks of 512 or 1024 bytes: too little for the headers
+	"$PALPATE" run m.palpate --for 0.1 --freewheel --no-draw --record l.h5 >out 2>log
+)
+[ $? -eq 1 ] && grep -q "l.h5.[a-z]*: cannot be written: \(File too large\|No space left\)" log &&
+	[ ! -e l.h5.ticks ] && [ ! -e l.h5.frames ]
+check "a file at its limit: the reason is the right one, nothing is left" $?
+
 # ---- a disk that fills up during the run
 mkdir small fixed
 if mount -t tmpfs -o size=64k tmpfs small 2>/dev/null; then
