@@ -222,16 +222,11 @@ test: deps ## install what is missing, build, run all tests
 
 # instrumented programs take five to fifteen times as long as run.sh's 300 s are meant for
 SLOW_TIMEOUT := 1800
-# each part ends the whole when it fails
-check: ## what a change must pass: tests, ASan+UBSan, TSan, valgrind, golden hashes, lint, coverage (long)
-	@$(MAKE) --no-print-directory test
+check: ## what a change must pass, in one go: tests, sanitizers, valgrind, lint, golden hashes, coverage (long; goes on after Ctrl-C)
 	@sh .ci/deps.sh $(PACKAGES) $(PACKAGES_CHECK)
-	@$(MAKE) --no-print-directory asan
-	@$(MAKE) --no-print-directory tsan
-	@$(MAKE) --no-print-directory -j$(JOBS) memcheck
-	@$(MAKE) --no-print-directory golden
-	@$(MAKE) --no-print-directory lint
-	@$(MAKE) --no-print-directory coverage
+	@MAKE="$(MAKE)" BUILD=$(BUILD) JOBS=$(JOBS) sh .ci/check
+.PHONY: build-everything
+build-everything: build-tests build-bench trainer $(BUILD)/soak
 
 asan: ## build and run the tests with AddressSanitizer and UBSan
 	@TEST_TIMEOUT=$(SLOW_TIMEOUT) $(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=asan BUILD=$(BUILD)/asan
@@ -355,11 +350,16 @@ ANALYZER_NOT := -Wno-analyzer-use-of-uninitialized-value -Wno-analyzer-null-dere
 CPPCHECK_NOT := objectIndex arrayIndexThenCheck missingIncludeSystem
 TIDY_FLAGS = -std=c17 -D_GNU_SOURCE -DPALPATE_VERSION=__FILE__ -Iinclude -I. -isystem /usr/include/suitesparse \
 	$(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) $(PROGRAM_PC) assimp)
-lint: ## cppcheck, clang-tidy and gcc -fanalyzer over the libraries and the program
-	@sh .ci/deps.sh $(PACKAGES) clang-tidy cppcheck
+.PHONY: cppcheck tidy analyzer
+lint: cppcheck tidy analyzer ## cppcheck, clang-tidy and gcc -fanalyzer over the libraries and the programs
+cppcheck:
+	@sh .ci/deps.sh $(PACKAGES) cppcheck
 	cppcheck --quiet --std=c11 --enable=warning,portability --inline-suppr $(CPPCHECK_NOT:%=--suppress=%) \
 		--error-exitcode=1 -j$(JOBS) -Iinclude -I. -DPALPATE_VERSION='"x"' $(ALL_SRC)
-	@printf '%s\n' $(ALL_SRC) | xargs -P$(JOBS) -I{} sh -c 'clang-tidy --quiet --warnings-as-errors="*" {} -- $(TIDY_FLAGS) 2>/dev/null'
+tidy:
+	@sh .ci/deps.sh $(PACKAGES) clang-tidy
+	@printf '%s\n' $(ALL_SRC) | xargs -P$(JOBS) -I{} sh -c 'echo "  TIDY {}"; clang-tidy --quiet --warnings-as-errors="*" {} -- $(TIDY_FLAGS) 2>/dev/null'
+analyzer:
 	@$(MAKE) --no-print-directory BUILD=$(BUILD)/analyzer CFLAGS='-fanalyzer -DPALPATE_ANALYZER $(ANALYZER_NOT)' OPT=-O1 -j$(JOBS) build-all
 
 docs: build-all ## reference of the C API (doxygen) and of the scene's keys, below $(BUILD)/docs
@@ -375,11 +375,11 @@ docs: build-all ## reference of the C API (doxygen) and of the scene's keys, bel
 VALGRIND_TESTS ?= output watchdog pose ring pace quantiles hash trajectory status replay
 .PHONY: memcheck
 memcheck: build-tests ## the small tests under valgrind
-	@for t in $(VALGRIND_TESTS); do valgrind -q --leak-check=full --errors-for-leak-kinds=definite \
-		--error-exitcode=9 $(BUILD)/tests/haptic/test_$$t || exit 1; done
+	@printf '%s\n' $(VALGRIND_TESTS) | xargs -P$(JOBS) -I{} sh -c 'echo "  VALGRIND test_{}"; valgrind -q --leak-check=full \
+		--errors-for-leak-kinds=definite --error-exitcode=9 $(BUILD)/tests/haptic/test_{}'
 
 coverage: ## line coverage of the libraries by the tests
 	@TEST_TIMEOUT=$(SLOW_TIMEOUT) $(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=coverage OPT=-g BUILD=$(BUILD)/coverage
-	@sh .ci/coverage.sh $(BUILD)/coverage
+	@sh .ci/coverage.sh $(BUILD)/coverage 90
 
 -include $(shell find $(BUILD)/obj -name '*.d' 2>/dev/null)

@@ -36,7 +36,11 @@ typedef double SWEEP(doubles) __attribute__((vector_size(SWEEP_WIDTH), aligned(8
 #define SWEEP_STEP(COUNT, GROUP, VECTOR, LOAD, FUSE, FRESH)                                        \
     VECTOR a[COUNT];                                                                               \
     _Pragma("GCC unroll 4") for (int u = 0; u < (COUNT); u++) {                                    \
-        a[u] = (FRESH) ? (VECTOR){0} : *(VECTOR *)(void *)(acc + i + u * LANES);                   \
+        if (FRESH) {                                                                               \
+            a[u] = (VECTOR){0};                                                                    \
+        } else {                                                                                   \
+            a[u] = *(VECTOR *)(void *)(acc + i + u * LANES);                                       \
+        }                                                                                          \
     }                                                                                              \
     _Pragma("GCC unroll 16") for (int g = 0; g < (GROUP); g++) {                                   \
         _Pragma("GCC unroll 4") for (int u = 0; u < (COUNT); u++) {                                \

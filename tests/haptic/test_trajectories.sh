@@ -6,13 +6,8 @@ if [ "${VARIANT:-plain}" != plain ]; then
 	echo "1..0 # SKIP the generator links the plain shared library"
 	exit 0
 fi
-work=$(mktemp -d); trap 'rm -rf "$work"' EXIT
+. "$PALPATE_SOURCE/tests/support/shell.sh"
 here=$PALPATE_SOURCE/scenes
-n=0; bad=0
-check() { # check NAME STATUS
-	n=$((n + 1))
-	if [ "$2" -eq 0 ]; then echo "ok $n - $1"; else echo "not ok $n - $1"; bad=1; fi
-}
 "$CC" -I"$PALPATE_SOURCE/include" -I"$PALPATE_SOURCE" "$here/make_trajectories.c" \
 	"$PALPATE_BUILD/libpalpate.so" -Wl,-rpath,"$PALPATE_BUILD" -o "$work/make" &&
 	mkdir "$work/out" && "$work/make" "$work/out"
@@ -30,5 +25,4 @@ for f in "$here"/trajectories/*.csv; do
 		END { exit !(t == 10) }'
 	check "$name" $?
 done
-echo "1..$n"
-exit $bad
+finish

@@ -7,16 +7,9 @@ if [ "${VARIANT:-plain}" != plain ]; then
 	echo "1..0 # SKIP a host without sanitizers cannot link a library with them"
 	exit 0
 fi
-work=$(mktemp -d); trap 'rm -rf "$work"' EXIT
+. "$PALPATE_SOURCE/tests/support/shell.sh"
 prefix=$work/prefix
 unset MAKEFLAGS MFLAGS MAKELEVEL # of the make that runs the tests: its job server is not ours
-n=0; bad=0
-check() { # check NAME STATUS
-	n=$((n + 1))
-	if [ "$2" -eq 0 ]; then echo "ok $n - $1"; else
-		echo "not ok $n - $1"; bad=1; sed 's/^/# /' "$work/log" 2>/dev/null | tail -n 12
-	fi
-}
 make_in() { make --no-print-directory -C "$PALPATE_SOURCE" BUILD="$BUILD" CC="$CC" "$@" >"$work/log" 2>&1; }
 value() { awk -v k="$2" '$1 == k { print $2 }' "$1"; } # value FILE KEY
 test_that() { awk "BEGIN { exit !($1) }"; }             # test_that EXPRESSION
@@ -184,5 +177,4 @@ check "make uninstall" $?
 find "$prefix" \( ! -type d -o -name '*palpate*' \) >"$work/log"
 [ ! -s "$work/log" ]
 check "leaves nothing" $?
-echo "1..$n"
-exit $bad
+finish

@@ -1,27 +1,8 @@
 #!/bin/sh
 # `palpate plot`: a picture from a recording, its report agreeing with the recording, located errors.
 set -u
-work=$(mktemp -d); trap 'rm -rf "$work"' EXIT
-cat >"$work/scene.yaml" <<'EOF'
-palpate: 1
-body:
-  geometry: {box: {size: [0.04, 0.04, 0.02], center: [0, 0, -0.01]}}
-  spacing: 0.006
-  material: {young: 10e3, poisson: 0.4}
-  fixed: [{below: {z: -0.02}}]
-tools:
-  - name: probe
-    shape: {sphere: {radius: 0.006}}
-    device: {scripted: {kind: press, depth: 0.002}}
-    start: [0, 0, 0.006]
-    axis: [0, 0, -1]
-EOF
-n=0; bad=0
-check() { # check NAME STATUS
-	n=$((n + 1))
-	if [ "$2" -eq 0 ]; then echo "ok $n - $1"; else echo "not ok $n - $1"; sed 's/^/# /' "$work/log"; bad=1; fi
-}
-number() { sed -n 's/.*"'"$1"'": *\([-0-9.e+]*\).*/\1/p' "$2" | head -n 1; }
+. "$PALPATE_SOURCE/tests/support/shell.sh"
+small_scene '{kind: press, depth: 0.002}'
 "$PALPATE" run "$work/scene.yaml" --for 2 --freewheel --no-draw --record "$work/r.h5" --json >"$work/run" 2>"$work/log"
 check "a recording" $?
 "$PALPATE" plot "$work/r.h5" --json >"$work/json" 2>"$work/log"
@@ -48,5 +29,4 @@ check "a missing recording is named, in JSON too" $?
 printf '\377' | dd of="$work/r.h5" bs=1 seek=5000 conv=notrunc 2>/dev/null
 ! "$PALPATE" plot "$work/r.h5" -o "$work/bad.png" >"$work/json" 2>"$work/log" && grep -q corrupted "$work/log" && [ ! -e "$work/bad.png" ]
 check "a damaged recording is refused by its seal" $?
-echo "1..$n"
-exit $bad
+finish

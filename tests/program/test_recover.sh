@@ -2,26 +2,8 @@
 # `palpate run --record` killed with SIGKILL, then `palpate recover`: the recording is there, the raw
 # files are gone, and a second run refuses to overwrite an unfinished recording.
 set -u
-work=$(mktemp -d); trap 'rm -rf "$work"' EXIT
-cat >"$work/scene.yaml" <<'EOF'
-palpate: 1
-body:
-  geometry: {box: {size: [0.04, 0.04, 0.02], center: [0, 0, -0.01]}}
-  spacing: 0.006
-  material: {young: 10e3, poisson: 0.4}
-  fixed: [{below: {z: -0.02}}]
-tools:
-  - name: probe
-    shape: {sphere: {radius: 0.006}}
-    device: {scripted: {kind: palpation, depth: 0.002, period: 0.5}}
-    start: [0, 0, 0.006]
-    axis: [0, 0, -1]
-EOF
-n=0; bad=0
-check() { # check NAME STATUS
-	n=$((n + 1))
-	if [ "$2" -eq 0 ]; then echo "ok $n - $1"; else echo "not ok $n - $1"; bad=1; fi
-}
+. "$PALPATE_SOURCE/tests/support/shell.sh"
+small_scene '{kind: palpation, depth: 0.002, period: 0.5}'
 "$PALPATE" precompute "$work/scene.yaml" -o "$work/m.palpate" >"$work/log" 2>&1
 check "a small model" $?
 "$PALPATE" run "$work/m.palpate" --for 3600 --no-draw --record "$work/r.h5" >"$work/log" 2>&1 &
@@ -39,7 +21,7 @@ check "a killed run leaves its raw files" $?
 check "which no later run overwrites" $?
 "$PALPATE" recover "$work/r.h5" --json >"$work/json" 2>"$work/log"
 check "recover succeeds" $?
-records=$(sed -n 's/.*"records": *\([0-9]*\).*/\1/p' "$work/json" | head -1)
+records=$(number records "$work/json")
 [ "${records:-0}" -ge $(((size - 16384) / 248)) ]
 check "with every record that was on disk ($records)" $?
 grep -q '"complete": *false' "$work/json"
@@ -93,5 +75,4 @@ check "and its watchdog is latched, which the report says" $?
 check "the dump replays without a difference" $?
 "$PALPATE" replay "$work/t.h5" --json 2>"$work/log" | grep -q '"differences": *0'
 check "and so does the recording" $?
-echo "1..$n"
-exit $bad
+finish
