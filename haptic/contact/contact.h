@@ -42,7 +42,7 @@ typedef struct pal_contact_wrench {
     double centroid[3]; ///< force-weighted [m]
     double normal[3];   ///< mean outward unit normal; 0 without contact
     int32_t count;      ///< contact points
-    uint32_t fault;     ///< PALPATE_FAULT_SINGULAR, _CONTACTS, _CUTOFF
+    uint32_t fault;     ///< PALPATE_FAULT_SINGULAR, _CONTACTS, _CUTOFF, _UNFELT
     pal_pose proxy;     ///< where the tool is drawn: its pose, or the proxy's
 } pal_contact_wrench;
 

@@ -4,8 +4,8 @@
 /// Displacement at a point is interpolated from the nodes around it, u = Phi U, and its force acts
 /// on them with the same weights, F = Phi^T f (virtual work), so the compliance between points is
 /// Phi C Phi^T, of which the part that the nodes cannot resolve is replaced by the half-space's own
-/// (working_set.h, contact_system.c). Contact is linearised about the rest shape: forces act along
-/// the rest surface's normals, and gaps w = q + M z and forces z are complementary
+/// (working_set.h, contact_system.c). Contact is linearised about the rest shape: the body
+/// is loaded along the rest surface's normals, and gaps w = q + M z and forces z are complementary
 /// (complementarity.h), for all tools in one system, coupled through the body.
 ///
 /// Virtual coupling, solved together with the contact. Device at p_d, proxy at p, spring k, damper
@@ -22,6 +22,11 @@
 /// Friction (Coulomb, circular cone: friction.h) adds two rows to a point: the slip of the body
 /// against the tool since the last tick (contact_friction.c); its force acts where the tool
 /// touches, with its torque, so that a twist about the normal is resisted too.
+///
+/// Force on the tool. z h(p), its work, has a gradient that is not along the body's normal: a tool
+/// also feels the slopes of its own surface (contact_touch.c: felt). The coupling's part of M is
+/// felt_i . felt_j / k_eff, so that M stays symmetric, and the slopes are those of the place that
+/// the last tick's force predicts for the proxy.
 ///
 /// Torque. The normal force of a contact passes through the centre of the ball it comes from, so a
 /// sphere and a point feel none and a capsule that of forces at its axis.
@@ -264,24 +269,24 @@ static void add_cross(const double a[3], const double f[3], double sum[3]) {
 
 /// Torque about the tool's origin of a point's force f: that of a held one acts where it is held;
 /// the normal part of another acts at the tool's axis, friction where the tool touches.
-static void add_torque(const anywhere_tool *tool, const anywhere_point *point, const double f[3],
-                       double torque[3]) {
+/// @param push  its normal force
+static void add_torque(const anywhere_tool *tool, const anywhere_point *point, double push,
+                       const double f[3], double torque[3]) {
     const pal_solid *solid = &tool->solid;
-    const double *x = point->x, *e = point->along[0];
-    double p[3] = {x[0] - solid->center[0], x[1] - solid->center[1], x[2] - solid->center[2]};
     if (point->mu < 0.0) { // x - q.e, both with the tool at its free pose
+        double p[3];
         for (int i = 0; i < 3; i++) {
-            p[i] -= point->q[0] * point->along[0][i] + point->q[1] * point->along[1][i] +
-                    point->q[2] * point->along[2][i];
+            p[i] = point->x[i] - solid->center[i] - point->q[0] * point->along[0][i] -
+                   point->q[1] * point->along[1][i] - point->q[2] * point->along[2][i];
         }
         add_cross(p, f, torque);
         return;
     }
-    double s = dot(p, solid->axis), push = dot(f, e), normal[3], friction[3], axis[3];
+    double s = dot(point->arm, solid->axis), normal[3], friction[3], axis[3];
     s = s < -solid->half ? -solid->half : s > solid->half ? solid->half : s;
     for (int i = 0; i < 3; i++) {
-        normal[i] = push * e[i];
-        friction[i] = point->rows == 3 ? f[i] - normal[i] : 0.0;
+        normal[i] = push * point->felt[0][i];
+        friction[i] = f[i] - normal[i];
         axis[i] = s * solid->axis[i];
     }
     add_cross(axis, normal, torque);
@@ -290,13 +295,19 @@ static void add_torque(const anywhere_tool *tool, const anywhere_point *point, c
 
 static void summarise(anywhere_law *law, pal_contact_result *result) {
     double weight[PALPATE_TOOLS_MAX] = {0.0};
+    for (int32_t t = 0; t < law->def.tool_count; t++) {
+        const anywhere_tool *tool = &law->tool[t];
+        for (int i = 0; i < 3 && tool->held_count > 0; i++) {
+            result->tool[t].force[i] = tool->preload[i];
+        }
+    }
     for (int32_t p = 0; p < law->points; p++) {
         const anywhere_point *point = &law->point[p];
         pal_contact_wrench *w = &result->tool[point->tool];
         double f[3] = {0.0, 0.0, 0.0}, size = fabs(law->z[point->first]);
         for (int32_t a = 0; a < point->rows; a++) {
             for (int i = 0; i < 3; i++) {
-                f[i] += law->z[point->first + a] * point->along[a][i];
+                f[i] += law->z[point->first + a] * point->felt[a][i];
             }
         }
         if (!(size > 0.0) && !(point->mu < 0.0)) {
@@ -305,9 +316,9 @@ static void summarise(anywhere_law *law, pal_contact_result *result) {
         for (int i = 0; i < 3; i++) {
             w->force[i] += f[i];
             w->centroid[i] += size * point->x[i];
-            w->normal[i] += size * point->normal[i];
+            w->normal[i] -= size * point->felt[0][i];
         }
-        add_torque(&law->tool[point->tool], point, f, w->torque);
+        add_torque(&law->tool[point->tool], point, law->z[point->first], f, w->torque);
         weight[point->tool] += size;
         w->count++;
     }
@@ -328,6 +339,8 @@ static void finish(anywhere_law *law, int32_t t, const pal_contact_tool *in,
     w->fault |= law->fault[t];
     w->proxy = tool->free;
     tool->has_before = in->present;
+    tool->last = tool->free;
+    memcpy(tool->force, w->force, sizeof tool->force);
     for (int i = 0; i < 3; i++) {
         back[i] = tool->yield * w->force[i];
         tool->proxy[i] = w->proxy.position[i] = tool->free.position[i] - back[i];
@@ -350,8 +363,12 @@ static void anywhere_solve(void *self, const pal_contact_tool tools[], pal_conta
         if (tools[t].present) {
             place(law, t, &tools[t].pose);
             tool->held_count = tools[t].closed ? tool->held_count : 0;
+            int32_t before = law->points;
             pal_anywhere_touch(law, t);
             pal_anywhere_hold(law, t);
+            if (tool->inside && law->points == before) {
+                law->fault[t] |= PALPATE_FAULT_UNFELT;
+            }
         } else {
             tool->held_count = 0;
             for (int32_t k = 0; k < tool->stations; k++) {
@@ -369,9 +386,7 @@ static void anywhere_solve(void *self, const pal_contact_tool tools[], pal_conta
     result->force = law->force;
     result->dropped = law->dropped;
     summarise(law, result);
-    if (law->frictional) {
-        pal_anywhere_remember(law, result);
-    }
+
     for (int32_t t = 0; t < law->def.tool_count; t++) {
         finish(law, t, &tools[t], &result->tool[t]);
         int closed = tools[t].present && tools[t].closed;
@@ -379,6 +394,9 @@ static void anywhere_solve(void *self, const pal_contact_tool tools[], pal_conta
             pal_anywhere_grasp(law, t, &result->tool[t].proxy);
         }
         law->tool[t].closed = closed;
+    }
+    if (law->frictional) {
+        pal_anywhere_remember(law);
     }
 }
 

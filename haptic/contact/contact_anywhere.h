@@ -38,7 +38,8 @@ typedef struct anywhere_station {
     double stuck;   ///< friction: part of the normal force on points that stick
     // ---- of this tick
     double depth;    ///< overlap with the rest surface before coupling gives way [m]
-    double shift[3]; ///< friction: from the free pose to where the pattern is laid out [m]
+    double give[3];  ///< of the coupling along the surface: from the free pose to the proxy [m]
+    double shift[3]; ///< from the free pose to where the pattern is laid out: give, less drag [m]
 } anywhere_station;
 
 /// A contact point of this tick.
@@ -48,14 +49,17 @@ typedef struct anywhere_point {
     double x[3];        ///< on the rest surface [m]
     double normal[3];   ///< outward
     double along[3][3]; ///< directions of its rows: -normal, two tangents; [row][component]
-    double q[3];        ///< gap and slips with the tool at its free pose, without force [m]
-    double mu;          ///< friction; < 0: held (friction.h)
-    double arm[3];      ///< from the tool's origin to where it touches [m]
-    int32_t rows;       ///< 1, or 3 where mu is not 0
-    int32_t first;      ///< its first row in the system
-    double area;        ///< [m^2]
-    double width;       ///< w: compliance with itself is coefficient / (2 w) [m]
-    double fade;        ///< 0..1: towards the rim of the touchable region it grows infinitely soft
+    /// The same as the tool feels them: the first is the gradient of its overlap by its place, the
+    /// others are along's. The tool pushes with sum z felt; its motion d changes w by -felt.d
+    double felt[3][3];
+    double q[3];   ///< gap and slips with the tool at its free pose, without force [m]
+    double mu;     ///< friction; < 0: held (friction.h)
+    double arm[3]; ///< from the tool's origin to where it touches [m]
+    int32_t rows;  ///< 1, or 3 where mu is not 0
+    int32_t first; ///< its first row in the system
+    double area;   ///< [m^2]
+    double width;  ///< w: compliance with itself is coefficient / (2 w) [m]
+    double fade;   ///< 0..1: towards the rim of the touchable region it grows infinitely soft
     pal_weights phi;
     int32_t slot[PALPATE_WEIGHTS_MAX]; ///< of phi's nodes in the working set
 } anywhere_point;
@@ -84,11 +88,13 @@ typedef struct anywhere_tool {
     int closed;          ///< last tick's button
     int32_t held_count;  ///< points held; > 0: no other point of the tool touches
     anywhere_held *held; ///< shape [points of a tool]
+    double preload[3];   ///< while held: what the slopes added to the force at closing [N]
     double device[3];    ///< device position in the last tick [m]
     double proxy[3];     ///< proxy position in the last tick [m]
     pal_pose last;       ///< free pose in the last tick
-    double force[3];     ///< on the body in the last tick [N]
+    double force[3];     ///< that it pushed with in the last tick [N]
     // ---- of this tick
+    int inside;      ///< the centre of one of its balls is inside the body
     pal_pose free;   ///< where the coupling alone would put the proxy
     pal_solid solid; ///< there
 } anywhere_tool;
@@ -171,14 +177,14 @@ void pal_anywhere_hold(anywhere_law *law, int32_t t);
 /// After the solution: hold what tool t touches, at its proxy.
 void pal_anywhere_grasp(anywhere_law *law, int32_t t, const pal_pose *proxy);
 
-/// Where to lay out the pattern of a station: s->shift.
+/// Where to lay out the pattern of a station: s->give, s->shift.
 void pal_anywhere_shift(const anywhere_law *law, int32_t t, anywhere_station *s);
 /// Displacements of the last tick on the nodes of this tick's working set.
 void pal_anywhere_recall(anywhere_law *law);
 /// q of the point's tangential rows: slip since the last tick without new force.
 void pal_anywhere_slip(const anywhere_law *law, anywhere_point *point);
-/// Keep what the next tick needs; after pal_anywhere_distribute and the tools' forces.
-void pal_anywhere_remember(anywhere_law *law, const pal_contact_result *result);
+/// Keep what the next tick needs; at the tick's end.
+void pal_anywhere_remember(anywhere_law *law);
 
 static inline double dot(const double a[3], const double b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

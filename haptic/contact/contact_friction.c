@@ -56,8 +56,17 @@ static void motion_at(const anywhere_tool *tool, const double from[3], const dou
 
 void pal_anywhere_shift(const anywhere_law *law, int32_t t, anywhere_station *s) {
     const anywhere_tool *tool = &law->tool[t];
+    memset(s->give, 0, sizeof s->give);
     memset(s->shift, 0, sizeof s->shift);
-    if (!(law->def.tools[t].friction > 0.0) || !s->engaged || !tool->has_before) {
+    if (!s->engaged || !tool->has_before) {
+        return;
+    }
+    for (int i = 0; i < 3; i++) {
+        s->give[i] = -tool->yield * tool->force[i];
+    }
+    flatten(s->at.normal, s->give);
+    memcpy(s->shift, s->give, sizeof s->shift);
+    if (!(law->def.tools[t].friction > 0.0)) {
         return;
     }
     double arm[3], follow[3];
@@ -66,7 +75,7 @@ void pal_anywhere_shift(const anywhere_law *law, int32_t t, anywhere_station *s)
     }
     motion_at(tool, tool->last.position, arm, follow);
     for (int i = 0; i < 3; i++) {
-        s->shift[i] = -tool->yield * tool->force[i] - s->drag[i] - s->stuck * follow[i];
+        s->shift[i] -= s->drag[i] + s->stuck * follow[i];
     }
     flatten(s->at.normal, s->shift);
 }
@@ -205,7 +214,7 @@ PALPATE_AVX2 static void sum_sweeps_avx2(anywhere_law *law) {
     sum_sweeps(law);
 }
 
-void pal_anywhere_remember(anywhere_law *law, const pal_contact_result *result) {
+void pal_anywhere_remember(anywhere_law *law) {
     const pal_working_set *set = &law->set;
     size_t nodes = 3 * (size_t)set->count;
     law->past_nodes = set->count;
@@ -232,10 +241,6 @@ void pal_anywhere_remember(anywhere_law *law, const pal_contact_result *result) 
         sum_sweeps_avx2(law);
     } else {
         sum_sweeps(law);
-    }
-    for (int32_t t = 0; t < law->def.tool_count; t++) {
-        law->tool[t].last = law->tool[t].free;
-        memcpy(law->tool[t].force, result->tool[t].force, sizeof law->tool[t].force);
     }
     follow_material(law);
 }

@@ -3,7 +3,7 @@
 /// Row r is a force on the body along the unit vector e_r at point i(r). Displacement at i along
 /// e_r per force of row s at j:
 ///
-///     M_rs = e_r^T [ Phi_i R Phi_j^T + K_ij ] e_s + (same tool) e_r.e_s / k
+///     M_rs = e_r^T [ Phi_i R Phi_j^T + K_ij ] e_s + (same tool) g_r.g_s / k
 ///     K_ij = (t I + (n - t) n_i n_j^T) b_ij,   b_ij = 1 / sqrt(|x_i - x_j|^2 + (w_i + w_j)^2)
 ///
 /// with R the regular part of the nodes' compliance (near_field.h, working_set.h): what the mesh
@@ -11,7 +11,8 @@
 /// width of its own cell (w_i = sqrt(A_i) / (2 self)). b is the Gram matrix of charges spread over
 /// depths w_i, so positive definite, but for points of equal width at one place, which would be one
 /// row twice: so b is a little smaller between stations and between tools. 1/k is the compliance of
-/// the virtual coupling: the proxy stands at p_free - f / k, and gaps are taken at p_free. A point
+/// the virtual coupling: the proxy stands at p_free - f / k, and gaps are taken at p_free; the
+/// tool feels row r along g_r (contact_touch.c: felt), so what it gives enters there alone. A point
 /// that fades gets 1/fade times its own K_ii.
 ///
 /// A point has one row, e = -n with the gap w = M z + q >= 0 and z >= 0, or three, with the slips
@@ -178,8 +179,9 @@ PALPATE_INLINE void fill_row(anywhere_law *law, const anywhere_point *j, int32_t
         sample_wide(i, y, &u);
         double v[3] = {u[0], u[1], u[2]};
         for (int32_t a = 0; a < i->rows; a++) {
-            double both = dot(i->along[a], e), blend = t * both - (a == 0 ? -more : 0.0);
-            m[i->first + a] = dot(i->along[a], v) + blend * law->around.near[p] + yield * both;
+            double blend = t * dot(i->along[a], e) - (a == 0 ? -more : 0.0);
+            m[i->first + a] = dot(i->along[a], v) + blend * law->around.near[p] +
+                              yield * dot(i->felt[a], j->felt[0]);
         }
     }
 }
@@ -194,22 +196,25 @@ PALPATE_INLINE void fill_axes(anywhere_law *law, const anywhere_point *j, int32_
         const double *turned = law->around.along + 12 * (size_t)p; // [component][row], spare 0
         double yield = i->tool == j->tool ? law->tool[i->tool].yield : 0.0;
         double near = law->around.near[p], *m = law->m + (size_t)j->first * n + (size_t)i->first;
-        pal_lanes u[3], along[3];
+        pal_lanes u[3], along[3], felt[3];
         sample_axes(i, y, ld, u);
         PALPATE_UNROLL
         for (int b = 0; b < 3; b++) {
             PALPATE_LOAD(along[b], turned + 4 * b);
+            felt[b] = along[b]; // but its first row
+            felt[b][0] = i->felt[0][b];
         }
         PALPATE_UNROLL
         for (int b = 0; b < 3; b++) {
-            const double *e = j->along[b];
+            const double *e = j->along[b], *g = j->felt[b];
             // along[0] = -normal, the others lie across it
             const pal_lanes other = {b == 0 ? -more : 0.0, 0.0, 0.0, 0.0};
             pal_lanes v = u[0] * e[0] + u[1] * e[1] + u[2] * e[2];
             pal_lanes both = along[0] * e[0] + along[1] * e[1] + along[2] * e[2];
+            pal_lanes give = felt[0] * g[0] + felt[1] * g[1] + felt[2] * g[2];
             pal_lanes blend = t * both - other;
             pal_lanes sum = along[0] * v[0] + along[1] * v[1] + along[2] * v[2];
-            sum = sum + blend * near + yield * both;
+            sum = sum + blend * near + yield * give;
             double *to = m + (size_t)b * n;
             to[0] = sum[0];
             if (i->rows == 3) {

@@ -18,12 +18,25 @@
 /// the branch of the foot: forgotten when that was lost). The gap of x_i is the height of the
 /// tool's solid over it along n, times n.n_i. e1 is carried along the surface without turning about
 /// n.
+///
+/// Force. With the overlap h_i(p) of the tool at p and the compliance M, contact's energy is E(p) =
+/// max over z >= 0 of z.h(p) - z.M z / 2, whose derivative by p is the force sum_i z_i grad h_i:
+/// not along the rest normal n_i but along the tool's own normal at its far side over x_i, with z_i
+/// times the cosine along n. (The shares of the points' own motion along the body cancel in the
+/// continuum: a pressure's energy does not know where it is sampled.) So it is a gradient: where
+/// tissue grows stiffer sideways the tool is held back by as much as it will store, a frictionless
+/// ball has no torque, and what a closed path returns is the error of 16 points
+/// (test_contact_energy). The body is loaded along n_i, as everything in it is linearised about its
+/// rest shape. With friction the cone stands about the tool's normal, its tangents are the body's.
 #include <string.h>
 
 #include "haptic/contact/contact_anywhere.h"
 #include "haptic/base/pose.h"
 
 static const double TURN_MIN = 0.15, TURN_FULL = 0.4; // cosine between n and n_i: fade
+/// The tool's slope is no steeper than at this cosine (77 degrees); patterns on flat bodies reach
+/// 0.6
+static const double STEEP_MIN = 0.22;
 
 /// 0 below a, 1 above b, smooth between.
 static double ramp(double x, double a, double b) {
@@ -122,6 +135,23 @@ static void frame(anywhere_point *point, const double across[3]) {
     point->along[2][2] = n[0] * e[1] - n[1] * e[0];
 }
 
+/// felt[0]: the gradient of the point's overlap by the tool's place; `down` is -n.
+static void feel(const anywhere_tool *tool, const double down[3], double facing,
+                 anywhere_point *point) {
+    const pal_solid *solid = &tool->solid;
+    double e[3], along = dot(point->arm, solid->axis);
+    along = along < -solid->half ? -solid->half : along > solid->half ? solid->half : along;
+    for (int i = 0; i < 3; i++) { // the tool's outward normal there, times its radius
+        e[i] = point->arm[i] - along * solid->axis[i];
+    }
+    double deep = dot(e, down), least = STEEP_MIN * solid->radius;
+    memcpy(point->felt, point->along, sizeof point->felt);
+    for (int i = 0; i < 3 && solid->radius > 0.0; i++) {
+        double slope = (e[i] - deep * down[i]) / (deep > least ? deep : least);
+        point->felt[0][i] = facing * (down[i] + slope);
+    }
+}
+
 /// Append the point at surface place `at` (cell `area` seen along n).
 static void add_point(anywhere_law *law, int32_t t, const anywhere_station *s, int32_t k,
                       const pal_surface_point *at, double area, double self) {
@@ -149,9 +179,13 @@ static void add_point(anywhere_law *law, int32_t t, const anywhere_station *s, i
     for (int i = 0; i < 3; i++) {
         point->arm[i] = from[i] + far * down[i] - tool->free.position[i];
     }
-    point->q[0] = -far * facing - dot(at->normal, s->shift);
-    point->q[1] = point->q[2] = 0.0;
     frame(point, s->across);
+    feel(tool, down, facing, point);
+    point->q[0] = -far * facing + dot(point->felt[0], s->give);
+    for (int i = 0; i < 3; i++) { // M has the body's part of the shift along its normal
+        point->q[0] -= at->normal[i] * (s->shift[i] - s->give[i]);
+    }
+    point->q[1] = point->q[2] = 0.0;
     point->area = area / facing;
     point->width = sqrt(point->area) / (2.0 * self);
     point->fade = fade;
@@ -211,6 +245,7 @@ static void spread(anywhere_law *law, int32_t t, anywhere_station *s, double bal
 void pal_anywhere_touch(anywhere_law *law, int32_t t) {
     anywhere_tool *tool = &law->tool[t];
     double ball = tool->solid.radius;
+    tool->inside = 0;
     for (int32_t k = 0; k < tool->stations; k++) {
         anywhere_station *s = &tool->station[k];
         double p[3], from[3], back[3];
@@ -232,6 +267,7 @@ void pal_anywhere_touch(anywhere_law *law, int32_t t) {
             s->engaged = 0;
             continue;
         }
+        tool->inside |= s->at.distance < 0.0;
         double arm[3];
         for (int i = 0; i < 3; i++) {
             arm[i] = p[i] + s->shift[i] - s->at.position[i];

@@ -229,7 +229,7 @@ static void system_is_that_of_the_model(double skew, double coupling) {
                 const anywhere_point *q = &law->point[j];
                 double expect = compliance(&r, p, p->along[0], q, q->along[0]);
                 if (p->tool == 0 && q->tool == 0 && coupling > 0) {
-                    expect += dot(p->normal, q->normal) / coupling;
+                    expect += dot(p->felt[0], q->felt[0]) / coupling;
                 }
                 // rounding of a sum of 400 terms of both signs
                 assert_true(fabs(law->m[i + j * n] - expect) < 1e-12 * law->m[i + i * n]);
@@ -283,6 +283,12 @@ static void system_is_that_of_the_model(double skew, double coupling) {
         }
         for (int32_t i = 0; i < 3 * r.model->info.column_count; i++) {
             assert_true(nodal[i] == 0); // all of them are listed
+        }
+        for (int32_t j = 0; j < n; j++) { // what the tool's slopes add (contact_touch.c)
+            const anywhere_point *p = &law->point[j];
+            for (int i = 0; i < 3; i++) {
+                sum[i] += law->z[j] * (p->felt[0][i] - p->along[0][i]);
+            }
         }
         for (int i = 0; i < 3; i++) { // what both tools feel
             assert_true(fabs(sum[i] + out[0].force[i] + out[1].force[i]) < 1e-12 * norm(sum));
