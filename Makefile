@@ -80,7 +80,7 @@ PROGRAM_SRC := $(wildcard haptic/program/*.c)
 TEST_SRC    := $(wildcard tests/*/test_*.c)
 TEST_AUX    := $(filter-out $(TEST_SRC),$(wildcard tests/support/*.c))
 TEST_SH     := $(wildcard tests/*/test_*.sh)
-BENCH_SRC   := $(filter-out bench/common.c,$(wildcard bench/*.c))
+BENCH_SRC   := $(wildcard bench/*.c)
 
 obj = $(patsubst %.c,$(BUILD)/obj/%.o,$(1))
 ONLINE_OBJ  := $(call obj,$(ONLINE_SRC))
@@ -282,8 +282,8 @@ soak: ## random but physical use with random faults, MINUTES=n (1) long, SEED=s 
 	@PALPATE_BUILD=$(abspath $(BUILD)) $(BUILD)/soak --minutes $(MINUTES) $(if $(SEED),--seed $(SEED))
 
 # ---- Benches ---------------------------------------------------------------------------------
-BENCH_AUX := $(call obj,$(wildcard bench/common.c) tests/support/synthetic_model.c tests/support/closed_loop.c)
-$(call obj,$(BENCH_SRC) $(wildcard bench/common.c)): EXTRA = $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) jansson) -isystem /usr/include/suitesparse
+BENCH_AUX := $(call obj,$(wildcard bench/support/*.c) tests/support/synthetic_model.c tests/support/closed_loop.c)
+$(call obj,$(BENCH_SRC) $(wildcard bench/support/*.c)): EXTRA = $(call pc-cflags,$(ONLINE_PC) $(OFFLINE_PC) jansson) -isystem /usr/include/suitesparse
 $(BENCH_BIN): $(BUILD)/bench/%: $(BUILD)/obj/bench/%.o $(BENCH_AUX) $(OFFLINE_A) $(LIB_A)
 	@mkdir -p $(@D)
 	$(if $(V),,@echo "  LINK $@")
@@ -334,7 +334,7 @@ uninstall: ## remove what install put there
 # ---- Tidy ------------------------------------------------------------------------------------
 ALL_SRC := $(ONLINE_SRC) $(OFFLINE_SRC) $(MESHER_SRC) $(READER_SRC) $(VIEW_SRC) $(PROGRAM_SRC)
 ALL_FILES := $(ALL_SRC) $(wildcard include/palpate/*.h haptic/*/*.h haptic/program/embed/*.c src/*.h src/*/*.h \
-             tests/*/*.[ch] bench/*.[ch])
+             tests/*/*.[ch] bench/*.[ch] bench/support/*.[ch])
 
 clean: ## remove everything built
 	rm -rf $(BUILD)

@@ -2,20 +2,32 @@
 /// in.
 ///
 /// Real bodies, each precomputed once with all rows in single precision; then the same rows in
-/// half, in scaled 16-bit integers, and in what store.tolerance picks at 1e-2, 1e-3 and 1e-4. For
-/// each form:
-///   bytes    of the stored rows
-///   error    worst max |du| / max |u| over 64 contacts that the choice has not seen
-///   (field_sample.h) us       one field with 45 and with 15 nodes touched: median of thread CPU
-///   times, the forms
-///            interleaved, every call another contact, so that touched columns come from wherever
-///            they lie
-///   times    faster than single precision (m x N, in this library's own kernel), median of the
-///   rounds' ratios predicted  what precompute says the field costs
+///   half, scaled      16 bits: IEEE halves, integers with a scale per column
+///   far 8 bits        rows far from a column's node in 8 bits, near ones in 16, each group of 32
+///                     neighbouring rows with a scale per column; 8 where the steps stay below
+///                     0.75e-3 of the column's largest displacement. Not built into the library:
+///                     this bench says why
+///   bases 1e-2, 1e-3  bases (row_bases.h) at that tolerance of every column
+///   tolerance ...     what store.tolerance picks
+///   sgemv             OpenBLAS on the touched columns in single precision, copied side by side for
+///                     it (not timed)
+/// For each form:
+///   bytes      of the stored rows
+///   error      worst max |du| / max |u| over 64 contacts that the choice has not seen
+///              (field_sample.h)
+///   us         one field with 45 and with 15 nodes touched: median of thread CPU times, the forms
+///              interleaved, every call another contact, so that touched columns come from wherever
+///              they lie
+///   times      faster than single precision (m x N, in this library's own kernel), median of the
+///              rounds' ratios
+///   predicted  what precompute says the field costs
+/// Then the nanoseconds per unit of work (field_model.h, pal_field_work_ns) that fit these times
+/// best: least squares of the relative errors, none negative.
 ///
 ///     bench/compress [--quick | --large]     (--quick: small bodies; --large adds 20k stored
 ///     nodes)
 /// writes bench/results/compress.csv, compress.png (gnuplot).
+#include <cblas.h>
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -27,25 +39,35 @@
 #include <palpate/precompute.h>
 #include <palpate/scene.h>
 
+#include "bench/support/near_far.h"
 #include "haptic/engine/field_model.h"
 #include "haptic/model/model.h"
 #include "src/store/compress.h"
 #include "src/store/field_sample.h"
 
-enum { FORMS = 6, ROUNDS = 25, CONTACTS = 64 };
+extern void openblas_set_num_threads(int threads);
+
+enum { FORMS = 10, ROUNDS = 25, CONTACTS = 64, SIZES = 2, COPIES = 16, SAMPLES_MAX = 256 };
+enum { CONVERTED, BASES, PICKED, NEAR_FAR, SGEMV }; ///< kinds of form
+static const int32_t touched_nodes[SIZES] = {PALPATE_SAMPLE_NODES, 15};
 
 typedef struct form {
     const char *name;
-    double tolerance; ///< of store.tolerance; 0: `precision`
+    int kind;
+    double tolerance;
     pal_precision precision;
 } form;
 
-static const form forms[FORMS] = {{"single", 0, PALPATE_PRECISION_SINGLE},
-                                  {"half", 0, PALPATE_PRECISION_HALF},
-                                  {"scaled", 0, PALPATE_PRECISION_SCALED},
-                                  {"tolerance 1e-2", 1e-2, PALPATE_PRECISION_SINGLE},
-                                  {"tolerance 1e-3", 1e-3, PALPATE_PRECISION_SINGLE},
-                                  {"tolerance 1e-4", 1e-4, PALPATE_PRECISION_SINGLE}};
+static const form forms[FORMS] = {{"single", CONVERTED, 0, PALPATE_PRECISION_SINGLE},
+                                  {"half", CONVERTED, 0, PALPATE_PRECISION_HALF},
+                                  {"scaled", CONVERTED, 0, PALPATE_PRECISION_SCALED},
+                                  {"far 8 bits", NEAR_FAR, 0.75e-3, PALPATE_PRECISION_SCALED},
+                                  {"bases 1e-2", BASES, 1e-2, PALPATE_PRECISION_SCALED},
+                                  {"bases 1e-3", BASES, 1e-3, PALPATE_PRECISION_SCALED},
+                                  {"tolerance 1e-2", PICKED, 1e-2, PALPATE_PRECISION_SINGLE},
+                                  {"tolerance 1e-3", PICKED, 1e-3, PALPATE_PRECISION_SINGLE},
+                                  {"tolerance 1e-4", PICKED, 1e-4, PALPATE_PRECISION_SINGLE},
+                                  {"sgemv", SGEMV, 0, PALPATE_PRECISION_SINGLE}};
 
 static const struct {
     const char *name, *scene; ///< NULL: the liver of ../shared
@@ -125,40 +147,172 @@ static pal_model *body_model(size_t k, pal_error *error) {
     return model;
 }
 
-/// One field [s].
-static double time_field(const pal_model *m, const pal_sample_contact *c, void *scratch,
-                         float *out) {
+static double near_far_error(const near_far *x, const pal_field_sample *sample, int32_t rows,
+                             float *out) {
+    double worst = 0;
+    for (int32_t s = 0; s < sample->count && near_far_available(); s++) {
+        const double *exact = sample->field + (size_t)s * 3 * (size_t)rows;
+        double off = 0, size = 0;
+        near_far_field(x, sample->contact[s].count, sample->contact[s].dof,
+                       sample->contact[s].force, out);
+        for (int32_t i = 0; i < rows; i++) {
+            double e = 0, u = 0;
+            for (int d = 0; d < 3; d++) {
+                double v = exact[3 * i + d];
+                e += ((double)out[3 * i + d] - v) * ((double)out[3 * i + d] - v);
+                u += v * v;
+            }
+            off = fmax(off, e);
+            size = fmax(size, u);
+        }
+        worst = fmax(worst, size > 0 ? sqrt(off / size) : 0);
+    }
+    return worst;
+}
+
+// ---- One body in every form ---------------------------------------------------------------------
+
+typedef struct body {
+    pal_model *model;
+    pal_model rows[FORMS]; ///< borrow all of the model but the rows
+    near_far near_far;
+    pal_field_sample sample;
+    float *copy[SIZES][COPIES]; ///< sgemv's columns
+    float *out;
+    void *scratch;
+    double bytes[FORMS], error[FORMS], seconds[FORMS];
+    double us[SIZES][FORMS], times[SIZES][FORMS];
+} body;
+
+static void body_clear(body *b) {
+    for (int f = 0; f < FORMS; f++) {
+        pal_rows_clear(&b->rows[f]);
+    }
+    for (int k = 0; k < SIZES * COPIES; k++) {
+        free(b->copy[k / COPIES][k % COPIES]);
+    }
+    near_far_clear(&b->near_far);
+    pal_field_sample_clear(&b->sample);
+    pal_model_free(b->model);
+    free(b->out);
+    free(b->scratch);
+}
+
+static int out_of_memory(pal_error *error) {
+    (void)snprintf(error->message, sizeof error->message, "out of memory");
+    return 0;
+}
+
+/// The columns of the first contacts of each size, side by side.
+static int copy_columns(body *b, pal_error *error) {
+    int64_t ld = 3 * (int64_t)b->model->info.row_count;
+    for (int size = 0; size < SIZES; size++) {
+        int n = 0;
+        for (int32_t s = 0; s < b->sample.count && n < COPIES; s++) {
+            const pal_sample_contact *c = &b->sample.contact[s];
+            if (c->count != 3 * touched_nodes[size]) {
+                continue;
+            }
+            float *to = aligned_alloc(64, ((size_t)(ld * c->count) * sizeof *to + 63) / 64 * 64);
+            b->copy[size][n++] = to;
+            for (int32_t k = 0; to != NULL && k < c->count; k++) {
+                memcpy(to + k * ld,
+                       (const float *)b->rows[0].c_st + (int64_t)c->dof[k] * b->rows[0].row_ld,
+                       (size_t)ld * sizeof *to);
+            }
+            if (to == NULL) {
+                return out_of_memory(error);
+            }
+        }
+    }
+    return 1;
+}
+
+/// Fill in b->rows and what they weigh. @return 0 with a message
+static int make_forms(body *b, pal_error *error) {
+    const pal_model *m = b->model;
+    int ok = pal_field_sample_make(m, 99, CONTACTS, &b->sample, error) == PALPATE_OK;
+    size_t floats = 3 * (size_t)m->info.row_count + 64, scratch = 64;
+    for (int f = 0; ok && f < FORMS; f++) {
+        pal_model *rows = &b->rows[f];
+        double start = wall_seconds();
+        switch (forms[f].kind) {
+        case NEAR_FAR:
+            ok = near_far_make(m, forms[f].tolerance, &b->near_far) || out_of_memory(error);
+            break;
+        case BASES:
+            ok = pal_rows_compress(m, forms[f].tolerance, NULL, rows, error) == PALPATE_OK;
+            break;
+        case SGEMV:
+            ok = copy_columns(b, error);
+            break;
+        default:
+            ok = pal_rows_convert(m, forms[f].precision, rows, error) == PALPATE_OK &&
+                 pal_compress(rows, forms[f].tolerance, NULL, error) == PALPATE_OK;
+            break;
+        }
+        b->seconds[f] = wall_seconds() - start;
+        if (ok && forms[f].kind < NEAR_FAR) {
+            double cost;
+            ok = pal_field_sample_error(&b->sample, rows, &b->error[f], &cost, error) == PALPATE_OK;
+            rows->info.field_us = 1e-3 * cost;
+            b->bytes[f] = (double)pal_model_row_bytes(rows);
+            floats = (size_t)fmax((double)floats, (double)pal_field_floats(rows));
+            scratch = (size_t)fmax((double)scratch, (double)pal_field_scratch_bytes(rows));
+        }
+    }
+    b->out = aligned_alloc(64, (floats * sizeof *b->out + 63) / 64 * 64);
+    b->scratch = aligned_alloc(64, (scratch + 63) / 64 * 64);
+    if (ok && (b->out == NULL || b->scratch == NULL)) {
+        return out_of_memory(error);
+    }
+    for (int f = 0; ok && f < FORMS; f++) {
+        if (forms[f].kind == NEAR_FAR) {
+            b->bytes[f] = (double)b->near_far.bytes;
+            b->error[f] = near_far_error(&b->near_far, &b->sample, m->info.row_count, b->out);
+        } else if (forms[f].kind == SGEMV) {
+            b->bytes[f] = b->bytes[0];
+            b->error[f] = b->error[0];
+        }
+    }
+    return ok;
+}
+
+/// One field [s]; sgemv takes the n-th copy.
+static double time_field(const body *b, int f, int size, int n, const pal_sample_contact *c) {
+    const pal_model *m = forms[f].kind < NEAR_FAR ? &b->rows[f] : &b->rows[0];
     float f32[3 * PALPATE_SAMPLE_NODES];
     for (int32_t k = 0; k < c->count; k++) {
         f32[k] = (float)(c->force[k] * pal_model_unit(m, c->dof[k]));
     }
+    int ld = 3 * m->info.row_count;
     double start = cpu_seconds();
-    pal_field_compute(pal_field_best(), m, c->count, c->dof, c->force, f32, scratch, out);
+    if (forms[f].kind == NEAR_FAR && !near_far_available()) {
+        return 1;
+    }
+    if (forms[f].kind == SGEMV) {
+        cblas_sgemv(CblasColMajor, CblasNoTrans, ld, c->count, 1.0f, b->copy[size][n % COPIES], ld,
+                    f32, 1, 0.0f, b->out, 1);
+    } else if (forms[f].kind == NEAR_FAR) {
+        near_far_field(&b->near_far, c->count, c->dof, c->force, b->out);
+    } else {
+        pal_field_compute(pal_field_best(), m, c->count, c->dof, c->force, f32, b->scratch, b->out);
+    }
     return cpu_seconds() - start;
 }
 
 /// Medians over rounds: us of each form and its ratio to the first.
-static void time_forms(const pal_model rows[FORMS], const pal_field_sample *sample, int32_t nodes,
-                       double us[FORMS], double ratio[FORMS]) {
-    size_t floats = 0, bytes = 0;
-    for (int f = 0; f < FORMS; f++) {
-        floats = (size_t)pal_field_floats(&rows[f]) > floats ? (size_t)pal_field_floats(&rows[f])
-                                                             : floats;
-        bytes =
-            pal_field_scratch_bytes(&rows[f]) > bytes ? pal_field_scratch_bytes(&rows[f]) : bytes;
-    }
-    float *out = aligned_alloc(64, (floats * sizeof *out + 64) / 64 * 64);
-    void *scratch = aligned_alloc(64, bytes + 64);
-    double each[FORMS][ROUNDS], over[FORMS][ROUNDS];
-    memset(scratch, 0, bytes + 64);
+static void time_forms(body *b, int size) {
+    static double each[FORMS][ROUNDS], over[FORMS][ROUNDS];
     for (int r = 0; r < ROUNDS; r++) {
         for (int f = 0; f < FORMS; f++) {
             double t[CONTACTS];
             int n = 0;
-            for (int32_t s = 0; s < sample->count; s++) {
-                const pal_sample_contact *c = &sample->contact[s];
-                if (c->count == 3 * nodes) {
-                    t[n++] = time_field(&rows[f], c, scratch, out);
+            for (int32_t s = 0; s < b->sample.count; s++) {
+                const pal_sample_contact *c = &b->sample.contact[s];
+                if (c->count == 3 * touched_nodes[size]) {
+                    t[n] = time_field(b, f, size, n, c);
+                    n++;
                 }
             }
             each[f][r] = median(t, n);
@@ -166,81 +320,165 @@ static void time_forms(const pal_model rows[FORMS], const pal_field_sample *samp
         }
     }
     for (int f = 0; f < FORMS; f++) {
-        us[f] = 1e6 * median(each[f], ROUNDS);
-        ratio[f] = median(over[f], ROUNDS);
+        b->us[size][f] = 1e6 * median(each[f], ROUNDS);
+        b->times[size][f] = median(over[f], ROUNDS);
     }
-    free(out);
-    free(scratch);
 }
 
-static const char *stored_as(const pal_model *m) {
+// ---- What a unit of work costs ------------------------------------------------------------------
+
+/// Counted work and measured nanoseconds of one form.
+typedef struct fit_sample {
+    double work[PALPATE_FIELD_WORK], ns;
+} fit_sample;
+typedef struct fit {
+    int count;
+    fit_sample at[SAMPLES_MAX];
+} fit;
+
+static void fit_add(fit *x, const body *b, int f, int size) {
+    double work[PALPATE_FIELD_WORK], sum[PALPATE_FIELD_WORK] = {0};
+    int n = 0;
+    for (int32_t s = 0; s < b->sample.count; s++) {
+        const pal_sample_contact *c = &b->sample.contact[s];
+        if (c->count == 3 * touched_nodes[size]) {
+            pal_field_count_work(&b->rows[f], c->count, c->dof, work);
+            for (int i = 0; i < PALPATE_FIELD_WORK; i++) {
+                sum[i] += work[i];
+            }
+            n++;
+        }
+    }
+    if (x->count < SAMPLES_MAX && n > 0) {
+        fit_sample *to = &x->at[x->count++];
+        for (int i = 0; i < PALPATE_FIELD_WORK; i++) {
+            to->work[i] = sum[i] / n;
+        }
+        to->ns = 1e3 * b->us[size][f];
+    }
+}
+
+/// Least squares of sum_i x_i work_i / ns - 1 with x >= 0, by coordinates.
+static void fit_print(const fit *x) {
+    static const char *const name[PALPATE_FIELD_WORK] = {
+        "touched byte", "16-bit byte", "basis byte", "near byte", "near pair", "cluster", "row"};
+    double ns[PALPATE_FIELD_WORK] = {0};
+    for (int sweep = 0; sweep < 20000; sweep++) {
+        for (int i = 0; i < PALPATE_FIELD_WORK; i++) {
+            double top = 0, bottom = 0;
+            for (int k = 0; k < x->count; k++) {
+                const fit_sample *p = &x->at[k];
+                double rest = 1;
+                for (int j = 0; j < PALPATE_FIELD_WORK; j++) {
+                    rest -= j != i ? ns[j] * p->work[j] / p->ns : 0;
+                }
+                top += rest * p->work[i] / p->ns;
+                bottom += p->work[i] / p->ns * p->work[i] / p->ns;
+            }
+            ns[i] = bottom > 0 ? fmax(0, top / bottom) : 0;
+        }
+    }
+    double worst[2] = {0, 0}, square[2] = {0, 0};
+    for (int k = 0; k < x->count; k++) {
+        const double *const by[2] = {pal_field_work_ns, ns};
+        for (int w = 0; w < 2; w++) {
+            double t = 0;
+            for (int i = 0; i < PALPATE_FIELD_WORK; i++) {
+                t += by[w][i] * x->at[k].work[i];
+            }
+            double e = t / x->at[k].ns - 1;
+            worst[w] = fmax(worst[w], fabs(e));
+            square[w] += e * e / x->count;
+        }
+    }
+    printf("\npal_field_work_ns, in use and as these %d times fit it:\n", x->count);
+    for (int i = 0; i < PALPATE_FIELD_WORK; i++) {
+        printf("  %-12s %9.4f ns %9.4f ns\n", name[i], pal_field_work_ns[i], ns[i]);
+    }
+    printf("  prediction off by %.0f %% (rms), %.0f %% at worst; with the fit %.0f %%, %.0f %%\n",
+           100 * sqrt(square[0]), 100 * worst[0], 100 * sqrt(square[1]), 100 * worst[1]);
+}
+
+static const char *stored_as(const body *b, int f) {
     static const char *const precision[] = {"double", "single", "half", "scaled"};
-    return m->bases != NULL ? "bases" : precision[m->info.precision];
+    const pal_model *m = &b->rows[f];
+    return forms[f].kind == NEAR_FAR ? "8/16 bits"
+           : forms[f].kind == SGEMV  ? "single"
+           : m->bases != NULL        ? "bases"
+                                     : precision[m->info.precision];
 }
 
-static int bench_body(size_t k, FILE *csv) {
+static int bench_body(size_t k, FILE *csv, fit *times) {
     pal_error error = {0};
-    pal_model *model = body_model(k, &error);
-    if (model == NULL) {
+    static body b;
+    memset(&b, 0, sizeof b);
+    b.model = body_model(k, &error);
+    if (b.model == NULL || !make_forms(&b, &error)) {
+        body_clear(&b);
         return fail(bodies[k].name, &error);
     }
-    pal_model rows[FORMS]; // borrow all of the model but the rows
-    double worst[FORMS], us[2][FORMS], ratio[2][FORMS], seconds[FORMS];
-    pal_field_sample sample;
-    int status = pal_field_sample_make(model, 99, CONTACTS, &sample, &error) != PALPATE_OK;
-    for (int f = 0; status == 0 && f < FORMS; f++) {
-        double start = wall_seconds();
-        status = pal_rows_convert(model, forms[f].precision, &rows[f], &error) != PALPATE_OK ||
-                 pal_compress(&rows[f], forms[f].tolerance, NULL, &error) != PALPATE_OK ||
-                 pal_field_sample_error(&sample, &rows[f], &worst[f], NULL, &error) != PALPATE_OK;
-        seconds[f] = wall_seconds() - start;
-    }
-    if (status != 0) {
-        return fail(bodies[k].name, &error);
-    }
-    time_forms(rows, &sample, PALPATE_SAMPLE_NODES, us[0], ratio[0]);
-    time_forms(rows, &sample, 15, us[1], ratio[1]);
+    time_forms(&b, 0);
+    time_forms(&b, 1);
+    const pal_model_info *info = &b.model->info;
     for (int f = 0; f < FORMS; f++) {
-        const pal_model *m = &rows[f];
-        double mb = 1e-6 * (double)pal_model_row_bytes(m);
+        if (forms[f].kind == NEAR_FAR && !near_far_available()) {
+            continue;
+        }
+        const pal_row_bases *bases = b.rows[f].bases;
+        double predicted = b.rows[f].info.field_us;
         printf("%-13s %6d %5d  %-15s %-7s %8.2f %9.1e | %8.1f %6.2f | %8.1f %6.2f | %8.1f %6.1f\n",
-               bodies[k].name, (int)m->info.row_count, (int)m->info.column_count, forms[f].name,
-               stored_as(m), mb, worst[f], us[0][f], ratio[0][f], us[1][f], ratio[1][f],
-               m->info.field_us, seconds[f]);
-        (void)fprintf(csv, "%s,%d,%d,%s,%s,%llu,%.3e,%.2f,%.3f,%.2f,%.3f,%.2f,%.2f,%d,%d,%d\n",
-                      bodies[k].name, (int)m->info.row_count, (int)m->info.column_count,
-                      forms[f].name, stored_as(m), (unsigned long long)pal_model_row_bytes(m),
-                      worst[f], us[0][f], ratio[0][f], us[1][f], ratio[1][f], m->info.field_us,
-                      seconds[f], m->bases != NULL ? (int)m->bases->cluster_count : 0,
-                      m->bases != NULL ? (int)m->bases->rank : 0,
-                      m->bases != NULL ? (int)m->bases->pair_count : 0);
-        pal_rows_clear(&rows[f]);
+               bodies[k].name, (int)info->row_count, (int)info->column_count, forms[f].name,
+               stored_as(&b, f), 1e-6 * b.bytes[f], b.error[f], b.us[0][f], b.times[0][f],
+               b.us[1][f], b.times[1][f], predicted, b.seconds[f]);
+        (void)fprintf(
+            csv, "%s,%d,%d,%s,%s,%.0f,%.3e,%.2f,%.3f,%.2f,%.3f,%.2f,%.2f,%d,%d,%d\n",
+            bodies[k].name, (int)info->row_count, (int)info->column_count, forms[f].name,
+            stored_as(&b, f), b.bytes[f], b.error[f], b.us[0][f], b.times[0][f], b.us[1][f],
+            b.times[1][f], predicted, b.seconds[f], bases != NULL ? (int)bases->cluster_count : 0,
+            bases != NULL ? (int)bases->rank : 0, bases != NULL ? (int)bases->pair_count : 0);
+        for (int size = 0; size < SIZES && forms[f].kind < PICKED; size++) {
+            fit_add(times, &b, f, size);
+        }
     }
     (void)fflush(stdout);
     (void)fflush(csv);
-    pal_field_sample_clear(&sample);
-    pal_model_free(model);
+    body_clear(&b);
     return 0;
 }
 
-/// Time over stored nodes, and bytes, with gnuplot (silently left out where it is missing).
-static void plot(void) {
+/// Time and bytes over stored nodes, and over the error for the last body, with gnuplot (silently
+/// left out where it is missing).
+static void plot(const char *last) {
     FILE *g = popen("gnuplot 2>/dev/null", "w");
     if (g == NULL) {
         return;
     }
-    (void)fprintf(g, "set datafile separator ','\nset terminal pngcairo size 1100,480\n"
-                     "set output 'bench/results/compress.png'\nset multiplot layout 1,2\n"
-                     "set logscale xy\nset grid\nset key top left\nset xlabel 'stored nodes'\n");
+    (void)fprintf(g, "set datafile separator ','\nset terminal pngcairo size 1200,900\n"
+                     "set output 'bench/results/compress.png'\nset multiplot layout 2,2\n"
+                     "set logscale xy\nset grid\nset key top left font ',9'\n");
     static const char *const axis[] = {"field with 45 nodes touched [us, one core]",
                                        "stored rows [MB]"};
     static const char *const value[] = {"8", "($6/1e6)"};
-    for (int p = 0; p < 2; p++) {
-        (void)fprintf(g, "set ylabel '%s'\nplot", axis[p]);
+    for (int p = 0; p < 4; p++) {
+        (void)fprintf(g, "set xlabel '%s'\nset ylabel '%s'\nset title '%s'\n%splot",
+                      p < 2 ? "stored nodes" : "worst error of a contact, max |du| / max |u|",
+                      axis[p % 2], p < 2 ? "all bodies" : last,
+                      p < 2 ? ""
+                            : "set key off\nset format x '10^{%T}'\nset offsets graph 0.1, graph "
+                              "0.1, graph 0.1, graph 0.05\n");
         for (int f = 0; f < FORMS; f++) {
             (void)fprintf(
-                g, "%s '< grep \",%s,\" bench/results/compress.csv' using 2:%s title '%s' pt %d",
-                f > 0 ? "," : "", forms[f].name, value[p], forms[f].name, 4 + f);
+                g,
+                "%s '< grep \"^%s.*,%s,\" bench/results/compress.csv' using %s:%s title '%s' pt %d "
+                "ps 1.5",
+                f > 0 ? "," : "", p < 2 ? "" : last, forms[f].name, p < 2 ? "2" : "7", value[p % 2],
+                forms[f].name, 4 + f);
+            if (p >= 2) {
+                (void)fprintf(g,
+                              ", '< grep \"^%s.*,%s,\" bench/results/compress.csv' using 7:%s:4 "
+                              "with labels offset 0,0.8 font ',9' notitle",
+                              last, forms[f].name, value[p % 2]);
+            }
         }
         (void)fprintf(g, p == 0 ? ", 300 title '300 us' dt 2\n" : "\n");
     }
@@ -251,6 +489,9 @@ int main(int argc, char **argv) {
     int size = argc > 1 && strcmp(argv[1], "--quick") == 0   ? 0
                : argc > 1 && strcmp(argv[1], "--large") == 0 ? 2
                                                              : 1;
+    static fit times;
+    const char *last = "";
+    openblas_set_num_threads(1);
     FILE *csv = fopen("bench/results/compress.csv", "w");
     if (csv == NULL) {
         (void)fprintf(
@@ -265,13 +506,18 @@ int main(int argc, char **argv) {
            "cols", "asked", "form", "MB", "error", "us m=45", "times", "us m=15", "times",
            "predict", "s");
     for (size_t k = 0; k < sizeof bodies / sizeof *bodies; k++) {
-        if (bodies[k].size <= size && bench_body(k, csv) != 0) {
+        if (bodies[k].size > size) {
+            continue;
+        }
+        if (bench_body(k, csv, &times) != 0) {
             (void)fclose(csv);
             return 1;
         }
+        last = bodies[k].name;
     }
     (void)fclose(csv);
-    plot();
+    plot(last);
+    fit_print(&times);
     printf("written: bench/results/compress.csv, compress.png\n");
     return 0;
 }

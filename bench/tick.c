@@ -1,13 +1,19 @@
 /// @file tick.c  Bench: the field kernel against memory and OpenBLAS, and the stages of a tick.
 ///
 /// Part 1, one process, interleaved round by round on blocks of 3N rows x 3m columns:
-///   read    a pure read of the single-precision block with the same vector width
-///   single, half, double   this library's sweep (Eq. 53) in each storage precision
+///   read    a pure read of the single-precision block with the same vector width, from its first
+///           byte to its last
+///   streams the same read as the sweep makes it: twelve columns beside each other, in panels
+///   single, half, scaled, double   this library's sweep (Eq. 53) in each storage precision
 ///   sgemv   OpenBLAS on the single-precision block, one thread
 /// Times are thread CPU times; each measurement is warmed by one untimed run, so a block that fits
-/// a cache is read from that cache. GB/s counts the bytes of the block once. Part 2: ticks in
-/// freewheel on a half space of 10 000 stored nodes with a sphere pressed and dragged over 16 or
-/// more contact points (or on a model file): quantiles of each stage.
+/// a cache is read from that cache. GB/s counts the bytes of the block once; "moved" counts the
+/// result too, which the sweep writes and a read does not: a third more for three columns.
+/// sgemv/read says how many times faster than sgemv anything that reads the block can be.
+/// Part 1b: the field of a half space of 10 000 stored nodes as store.tolerance 1e-3 stores it,
+/// against sgemv on the touched columns in single precision. Part 2: ticks in freewheel on that
+/// half space with a sphere pressed and dragged over 16 or more contact points (or on a model
+/// file): quantiles of each stage.
 ///
 ///     bench/tick [--quick] [--stages] [--ticks N] [MODEL]      (--stages: part 2 alone)
 /// writes bench/results/tick_kernel.csv, tick_stages.csv, tick_kernel.png (gnuplot).
@@ -20,6 +26,9 @@
 #include <time.h>
 
 #include "haptic/engine/engine.h"
+#include "haptic/engine/field_model.h"
+#include "src/store/compress.h"
+#include "src/store/field_sample.h"
 #include "tests/support/synthetic_model.h"
 
 extern void openblas_set_num_threads(int threads);
@@ -46,13 +55,23 @@ static double median(double *v, size_t count) {
 
 // ---- Part 1: kernels ----------------------------------------------------------------------------
 
-enum { KERNEL_READ, KERNEL_SINGLE, KERNEL_HALF, KERNEL_DOUBLE, KERNEL_SGEMV, KERNELS };
+enum {
+    KERNEL_READ,
+    KERNEL_STREAMS,
+    KERNEL_SINGLE,
+    KERNEL_HALF,
+    KERNEL_SCALED,
+    KERNEL_DOUBLE,
+    KERNEL_SGEMV,
+    KERNELS
+};
 
 typedef struct bench_block {
     int32_t nodes, contacts, columns;
     int64_t rows, ld;
     float *single;
     uint16_t *half;
+    int16_t *scaled;
     double *full;
     int32_t *dof;
     double *f;
@@ -93,24 +112,59 @@ static volatile float sink;
         }                                                                                          \
         sink = a[0][0];                                                                            \
     }
+
+/// Read columns three at a time or twelve, in panels, as the sweep does.
+#define STREAMS(name, width, attribute)                                                            \
+    attribute static void name(const bench_block *b) {                                             \
+        enum { PANEL = 16384, WIDTH = (width) / 4 };                                               \
+        typedef float wide __attribute__((vector_size(width), may_alias));                         \
+        wide a[12] = {{0}};                                                                        \
+        for (int64_t row = 0; row < b->rows; row += PANEL) {                                       \
+            int64_t end = row + PANEL < b->rows ? row + PANEL : b->rows;                           \
+            int32_t k = 0;                                                                         \
+            for (; k + 12 <= b->columns; k += 12) {                                                \
+                const float *at = b->single + k * b->ld;                                           \
+                for (int64_t i = row; i < end; i += WIDTH) {                                       \
+                    _Pragma("GCC unroll 12") for (int g = 0; g < 12; g++) {                        \
+                        a[g] += *(const wide *)(const void *)(at + g * b->ld + i);                 \
+                    }                                                                              \
+                }                                                                                  \
+            }                                                                                      \
+            for (; k < b->columns; k += 3) {                                                       \
+                const float *at = b->single + k * b->ld;                                           \
+                for (int64_t i = row; i < end; i += WIDTH) {                                       \
+                    _Pragma("GCC unroll 3") for (int g = 0; g < 3; g++) {                          \
+                        a[g] += *(const wide *)(const void *)(at + g * b->ld + i);                 \
+                    }                                                                              \
+                }                                                                                  \
+            }                                                                                      \
+        }                                                                                          \
+        for (int k = 1; k < 12; k++) {                                                             \
+            a[0] += a[k];                                                                          \
+        }                                                                                          \
+        sink = a[0][0];                                                                            \
+    }
 READER(read_portable, 16, )
+STREAMS(streams_portable, 16, )
 #if defined(__x86_64__)
 READER(read_avx2, 32, __attribute__((target("avx2"))))
+STREAMS(streams_avx2, 32, __attribute__((target("avx2"))))
 READER(read_avx512, 64, __attribute__((target("avx512f"))))
+STREAMS(streams_avx512, 64, __attribute__((target("avx512f"))))
 #endif
 
-static void pure_read(pal_isa isa, const float *block, size_t bytes) {
+static void pure_read(pal_isa isa, const bench_block *b, size_t bytes, int streams) {
 #if defined(__x86_64__)
     if (isa == PALPATE_ISA_AVX512) {
-        read_avx512(block, bytes);
+        streams ? streams_avx512(b) : read_avx512(b->single, bytes);
         return;
     }
     if (isa == PALPATE_ISA_AVX2) {
-        read_avx2(block, bytes);
+        streams ? streams_avx2(b) : read_avx2(b->single, bytes);
         return;
     }
 #endif
-    read_portable(block, bytes);
+    streams ? streams_portable(b) : read_portable(b->single, bytes);
 }
 
 static bench_block make_block(int32_t nodes, int32_t contacts) {
@@ -120,12 +174,14 @@ static bench_block make_block(int32_t nodes, int32_t contacts) {
     size_t count = (size_t)b.ld * (size_t)b.columns;
     b.single = aligned(count * sizeof *b.single);
     b.half = aligned(count * sizeof *b.half);
+    b.scaled = aligned(count * sizeof *b.scaled);
     b.full = aligned(count * sizeof *b.full);
     for (size_t i = 0; i < count; i++) {
         double v = 1e-3 * (1.0 + (double)(i % 97));
         b.single[i] = (float)v;
         b.full[i] = v;
         b.half[i] = pal_half_from_double(v);
+        b.scaled[i] = (int16_t)(i % 97);
     }
     b.dof = aligned((size_t)b.columns * sizeof *b.dof);
     b.f = aligned((size_t)b.columns * sizeof *b.f);
@@ -142,6 +198,7 @@ static bench_block make_block(int32_t nodes, int32_t contacts) {
 static void free_block(bench_block *b) {
     free(b->single);
     free(b->half);
+    free(b->scaled);
     free(b->full);
     free(b->dof);
     free(b->f);
@@ -150,7 +207,9 @@ static void free_block(bench_block *b) {
 }
 
 static size_t kernel_bytes(const bench_block *b, int kernel) {
-    size_t element = kernel == KERNEL_HALF ? 2 : kernel == KERNEL_DOUBLE ? 8 : 4;
+    size_t element = kernel == KERNEL_HALF || kernel == KERNEL_SCALED ? 2
+                     : kernel == KERNEL_DOUBLE                        ? 8
+                                                                      : 4;
     return (size_t)b->rows * (size_t)b->columns * element; // whole 512 bytes
 }
 
@@ -164,7 +223,8 @@ static void run_kernel(const bench_block *b, int kernel, pal_isa isa) {
                          .out = b->out};
     switch (kernel) {
     case KERNEL_READ:
-        pure_read(isa, b->single, kernel_bytes(b, kernel));
+    case KERNEL_STREAMS:
+        pure_read(isa, b, kernel_bytes(b, kernel), kernel == KERNEL_STREAMS);
         return;
     case KERNEL_SGEMV:
         cblas_sgemv(CblasColMajor, CblasNoTrans, (int)b->rows, b->columns, 1.0f, b->single,
@@ -177,6 +237,10 @@ static void run_kernel(const bench_block *b, int kernel, pal_isa isa) {
     case KERNEL_HALF:
         job.precision = PALPATE_PRECISION_HALF;
         job.block = b->half;
+        break;
+    case KERNEL_SCALED:
+        job.precision = PALPATE_PRECISION_SCALED;
+        job.block = b->scaled;
         break;
     default:
         job.precision = PALPATE_PRECISION_DOUBLE;
@@ -209,13 +273,23 @@ static void plot_kernels(void) {
                         "set key top right\nset xlabel 'single-precision block [MB]'\n"
                         "set ylabel 'bytes of the block read [GB/s]'\nset yrange [0:*]\n"
                         "set title 'Field kernel (Eq. 53), one core'\nplot");
-    static const char *const title[] = {"pure read", "single", "half", "double", "OpenBLAS sgemv"};
+    static const char *const title[] = {
+        "pure read", "the same in streams", "single", "half", "scaled", "double", "OpenBLAS sgemv"};
     for (int k = 0; k < KERNELS; k++) {
         (void)fprintf(plot, "%s '%s' using ($3/1e6):%d skip 1 title '%s' pt %d", k > 0 ? "," : "",
                       "bench/results/tick_kernel.csv", 4 + k, title[k], 5 + 2 * k);
     }
     (void)fprintf(plot, "\n");
     (void)pclose(plot);
+}
+
+/// Ratios of two kernels' times, round by round: their median.
+static double ratio(double time[KERNELS][64], int over, int of, int rounds) {
+    double r[64];
+    for (int k = 0; k < rounds; k++) {
+        r[k] = time[over][k] / time[of][k];
+    }
+    return median(r, (size_t)rounds);
 }
 
 static void bench_kernels(int quick) {
@@ -225,44 +299,56 @@ static void bench_kernels(int quick) {
     int rounds = quick ? 5 : 25;
     FILE *csv = fopen("bench/results/tick_kernel.csv", "w");
     if (csv != NULL) {
-        (void)fprintf(csv, "nodes,contacts,bytes_single,read_GBs,single_GBs,half_GBs,double_GBs,"
-                           "sgemv_GBs,single_over_read,single_over_sgemv,single_over_half_time,"
-                           "single_us,half_us,sgemv_us\n");
+        (void)fprintf(csv,
+                      "nodes,contacts,bytes_single,read_GBs,streams_GBs,single_GBs,half_GBs,"
+                      "scaled_GBs,double_GBs,sgemv_GBs,single_over_read,moved_over_read,"
+                      "single_over_streams,single_over_sgemv,sgemv_over_read,"
+                      "single_over_half_time,single_over_scaled_time,single_us,half_us,sgemv_us\n");
     }
     printf("field kernel: %s; GB/s of the block, medians of %d interleaved rounds\n",
            pal_isa_name(isa), rounds);
-    printf("%7s %4s %9s | %6s %6s %6s %6s %6s | %9s %9s %11s\n", "nodes", "m", "MB", "read",
-           "single", "half", "double", "sgemv", "/read", "/sgemv", "half faster");
+    printf("%7s %4s %9s | %6s %7s %6s %6s %6s %6s %6s | %6s %6s %8s | %6s %10s | %6s %7s\n",
+           "nodes", "m", "MB", "read", "streams", "single", "half", "scaled", "double", "sgemv",
+           "/read", "moved", "/streams", "/sgemv", "sgemv/read", "half x", "scaled x");
     for (size_t a = 0; a < sizeof nodes / sizeof *nodes; a++) {
         for (size_t c = 0; c < sizeof contacts / sizeof *contacts; c++) {
             bench_block b = make_block(nodes[a], contacts[c]);
-            double time[KERNELS][64] = {{0}}, to_read[64] = {0}, to_sgemv[64] = {0},
-                   to_half[64] = {0};
+            static double time[KERNELS][64];
             for (int r = 0; r < rounds; r++) {
                 for (int k = 0; k < KERNELS; k++) {
                     time[k][r] = time_kernel(&b, k, isa);
                 }
-                to_read[r] = time[KERNEL_READ][r] / time[KERNEL_SINGLE][r];
-                to_sgemv[r] = time[KERNEL_SGEMV][r] / time[KERNEL_SINGLE][r];
-                to_half[r] = time[KERNEL_SINGLE][r] / time[KERNEL_HALF][r];
             }
-            double rate[KERNELS], mid[KERNELS];
+            double to_read = ratio(time, KERNEL_READ, KERNEL_SINGLE, rounds),
+                   moved = to_read * (b.columns + 1) / b.columns,
+                   to_streams = ratio(time, KERNEL_STREAMS, KERNEL_SINGLE, rounds),
+                   to_sgemv = ratio(time, KERNEL_SGEMV, KERNEL_SINGLE, rounds),
+                   share = ratio(time, KERNEL_READ, KERNEL_SGEMV, rounds),
+                   half = ratio(time, KERNEL_SINGLE, KERNEL_HALF, rounds),
+                   scaled = ratio(time, KERNEL_SINGLE, KERNEL_SCALED, rounds), rate[KERNELS],
+                   mid[KERNELS];
             for (int k = 0; k < KERNELS; k++) {
                 mid[k] = median(time[k], (size_t)rounds);
                 rate[k] = 1e-9 * (double)kernel_bytes(&b, k) / mid[k];
             }
-            double r1 = median(to_read, (size_t)rounds), r2 = median(to_sgemv, (size_t)rounds);
-            double r3 = median(to_half, (size_t)rounds);
-            printf("%7d %4d %9.3f | %6.1f %6.1f %6.1f %6.1f %6.1f | %9.2f %9.2f %11.2f\n",
-                   (int)b.nodes, (int)b.contacts, 1e-6 * (double)kernel_bytes(&b, KERNEL_SINGLE),
-                   rate[0], rate[1], rate[2], rate[3], rate[4], r1, r2, r3);
+            printf(
+                "%7d %4d %9.3f | %6.1f %7.1f %6.1f %6.1f %6.1f %6.1f %6.1f | %6.2f %6.2f %8.2f | "
+                "%6.2f %10.2f | %6.2f %7.2f\n",
+                (int)b.nodes, (int)b.contacts, 1e-6 * (double)kernel_bytes(&b, KERNEL_SINGLE),
+                rate[KERNEL_READ], rate[KERNEL_STREAMS], rate[KERNEL_SINGLE], rate[KERNEL_HALF],
+                rate[KERNEL_SCALED], rate[KERNEL_DOUBLE], rate[KERNEL_SGEMV], to_read, moved,
+                to_streams, to_sgemv, share, half, scaled);
             (void)fflush(stdout);
             if (csv != NULL) {
-                (void)fprintf(
-                    csv, "%d,%d,%zu,%.3f,%.3f,%.3f,%.3f,%.3f,%.4f,%.4f,%.4f,%.3f,%.3f,%.3f\n",
-                    (int)b.nodes, (int)b.contacts, kernel_bytes(&b, KERNEL_SINGLE), rate[0],
-                    rate[1], rate[2], rate[3], rate[4], r1, r2, r3, 1e6 * mid[KERNEL_SINGLE],
-                    1e6 * mid[KERNEL_HALF], 1e6 * mid[KERNEL_SGEMV]);
+                (void)fprintf(csv, "%d,%d,%zu", (int)b.nodes, (int)b.contacts,
+                              kernel_bytes(&b, KERNEL_SINGLE));
+                for (int k = 0; k < KERNELS; k++) {
+                    (void)fprintf(csv, ",%.3f", rate[k]);
+                }
+                (void)fprintf(csv, ",%.4f,%.4f,%.4f,%.4f,%.4f,%.4f,%.4f,%.3f,%.3f,%.3f\n", to_read,
+                              moved, to_streams, to_sgemv, share, half, scaled,
+                              1e6 * mid[KERNEL_SINGLE], 1e6 * mid[KERNEL_HALF],
+                              1e6 * mid[KERNEL_SGEMV]);
             }
             free_block(&b);
         }
@@ -271,6 +357,100 @@ static void bench_kernels(int quick) {
         (void)fclose(csv);
     }
     plot_kernels();
+}
+
+// ---- Part 1b: what is stored against sgemv ------------------------------------------------------
+
+enum { FORM_SINGLE, FORM_TOLERANCE, FORM_SGEMV, FORMS };
+
+/// Medians over contacts of `nodes` nodes of one field in each form, every call another contact.
+static void time_fields(const pal_model *single, const pal_model *chosen,
+                        const pal_field_sample *sample, int32_t nodes, int rounds) {
+    enum { COPIES = 16 };
+    int64_t ld = single->row_ld;
+    float *copy[COPIES] = {NULL}, *out = aligned((size_t)(ld + 64) * sizeof *out);
+    void *scratch = aligned(pal_field_scratch_bytes(chosen) + 64);
+    static double time[KERNELS][64];
+    int n = 0;
+    for (int32_t s = 0; s < sample->count && n < COPIES; s++) {
+        const pal_sample_contact *c = &sample->contact[s];
+        if (c->count == 3 * nodes) {
+            copy[n] = aligned((size_t)(ld * c->count) * sizeof(float));
+            for (int32_t k = 0; k < c->count; k++) {
+                memcpy(copy[n] + k * ld, (const float *)single->c_st + c->dof[k] * ld,
+                       (size_t)ld * sizeof(float));
+            }
+            n++;
+        }
+    }
+    for (int r = 0; r < rounds; r++) {
+        for (int form = 0; form < FORMS; form++) {
+            double each[64];
+            int seen = 0;
+            for (int32_t s = 0; s < sample->count && seen < n; s++) {
+                const pal_sample_contact *c = &sample->contact[s];
+                const pal_model *m = form == FORM_TOLERANCE ? chosen : single;
+                float f32[3 * PALPATE_SAMPLE_NODES];
+                double f[3 * PALPATE_SAMPLE_NODES];
+                if (c->count != 3 * nodes) {
+                    continue;
+                }
+                for (int32_t k = 0; k < c->count; k++) { // no column may be left out
+                    f[k] = c->force[k] != 0.0 ? c->force[k] : 0.01;
+                    f32[k] = (float)(f[k] * pal_model_unit(m, c->dof[k]));
+                }
+                double start = cpu_seconds();
+                if (form == FORM_SGEMV) {
+                    cblas_sgemv(CblasColMajor, CblasNoTrans, (int)ld, c->count, 1.0f, copy[seen],
+                                (int)ld, f32, 1, 0.0f, out, 1);
+                } else {
+                    pal_field_compute(pal_field_best(), m, c->count, c->dof, f, f32, scratch, out);
+                }
+                each[seen++] = cpu_seconds() - start;
+            }
+            time[form][r] = median(each, (size_t)n);
+        }
+    }
+    double to_single = ratio(time, FORM_SGEMV, FORM_SINGLE, rounds),
+           to_chosen = ratio(time, FORM_SGEMV, FORM_TOLERANCE, rounds);
+    printf("  %2d nodes touched: single %.1f us, tolerance 1e-3 %.1f us, sgemv %.1f us: %.2f and "
+           "%.2f times faster than sgemv\n",
+           (int)nodes, 1e6 * median(time[FORM_SINGLE], (size_t)rounds),
+           1e6 * median(time[FORM_TOLERANCE], (size_t)rounds),
+           1e6 * median(time[FORM_SGEMV], (size_t)rounds), to_single, to_chosen);
+    for (int k = 0; k < n; k++) {
+        free(copy[k]);
+    }
+    free(out);
+    free(scratch);
+}
+
+static int bench_chosen(const pal_model *single, int quick) {
+    pal_field_sample sample;
+    pal_model chosen;
+    pal_error error = {0};
+    if (single->bases != NULL || single->info.precision != PALPATE_PRECISION_SINGLE ||
+        single->c_st == NULL) {
+        printf("\nno rows in single precision: nothing to compare with sgemv\n");
+        return 0;
+    }
+    if (pal_field_sample_make(single, 99, 64, &sample, &error) != PALPATE_OK ||
+        pal_rows_convert(single, PALPATE_PRECISION_SINGLE, &chosen, &error) != PALPATE_OK ||
+        pal_compress(&chosen, 1e-3, NULL, &error) != PALPATE_OK) {
+        (void)fprintf(stderr, "bench/tick: %s\n", error.message);
+        return 1;
+    }
+    printf(
+        "\nfield of %d stored nodes, %.1f MB in single precision, %.1f MB as store.tolerance 1e-3 "
+        "stores it (%s, error %.1e)\n",
+        (int)single->info.row_count, 1e-6 * (double)pal_model_row_bytes(single),
+        1e-6 * (double)pal_model_row_bytes(&chosen),
+        chosen.bases != NULL ? "bases" : "scaled integers", chosen.info.field_error);
+    time_fields(single, &chosen, &sample, PALPATE_SAMPLE_NODES, quick ? 5 : 25);
+    time_fields(single, &chosen, &sample, 15, quick ? 5 : 25);
+    pal_rows_clear(&chosen);
+    pal_field_sample_clear(&sample);
+    return 0;
 }
 
 // ---- Part 2: stages of a tick -------------------------------------------------------------------
@@ -407,7 +587,8 @@ int main(int argc, char **argv) {
         (void)fprintf(stderr, "bench/tick: %s\n", error.message);
         return 1;
     }
-    int failed = model == NULL || bench_stages(model, ticks) != 0;
+    int failed = model == NULL || (ticks_only == 0 && bench_chosen(model, quick) != 0) ||
+                 bench_stages(model, ticks) != 0;
     pal_model_free(model);
     return failed;
 }

@@ -207,25 +207,19 @@ void pal_field_compute(pal_isa isa, const pal_model *model, int32_t count, const
 
 // ---- Cost ---------------------------------------------------------------------------------------
 
-double pal_field_predict(const pal_model *model, int32_t count, const int32_t *dof) {
-    // ns per byte, medians of bench/compress and bench/tick on a busy machine: touched columns come
-    // from beyond the cache (converting 16 bits costs a little), bases stay in it, near pairs are
-    // short runs; a sweep over one pair or cluster has to start, and every row finds its place in
-    // the end
-    static const double touched_ns = 0.035, integer_ns = 0.045, basis_ns = 0.06, near_ns = 0.18,
-                        pair_ns = 60, cluster_ns = 60, row_ns = 0.4;
-    const pal_row_bases *b = model->bases;
+void pal_field_count_work(const pal_model *model, int32_t count, const int32_t *dof,
+                          double work[PALPATE_FIELD_WORK]) {
+    memset(work, 0, PALPATE_FIELD_WORK * sizeof *work);
     if (pal_field_floats(model) == 0) {
-        return 0;
+        return;
     }
+    const pal_row_bases *b = model->bases;
     size_t element = pal_precision_size(model->info.precision);
-    double touched = (element == 2 ? integer_ns : touched_ns) * (double)count *
-                     (double)swept_rows(model) * (double)element;
+    work[element == 2 ? PALPATE_WORK_INTEGER : PALPATE_WORK_TOUCHED] =
+        (double)count * (double)swept_rows(model) * (double)element;
     if (b == NULL) {
-        return touched;
+        return;
     }
-    double near = 0;
-    double pairs = 0;
     for (int32_t k = 0; k < count; k++) {
         int32_t g = b->column_group[dof[k] / 3];
         int first = 1; // dof of its group
@@ -233,10 +227,25 @@ double pal_field_predict(const pal_model *model, int32_t count, const int32_t *d
             first = b->column_group[dof[i] / 3] != g;
         }
         for (int32_t p = b->pair_start[g]; p < b->pair_start[g + 1]; p++) {
-            near += 2 * (double)pal_bases_ld(b, b->pair_cluster[p]);
-            pairs += first;
+            work[PALPATE_WORK_NEAR] += 2 * (double)pal_bases_ld(b, b->pair_cluster[p]);
+            work[PALPATE_WORK_PAIRS] += first;
         }
     }
-    return touched + near_ns * near + basis_ns * 2 * (double)b->basis_start[b->cluster_count] +
-           pair_ns * pairs + cluster_ns * b->cluster_count + row_ns * 3 * model->info.row_count;
+    work[PALPATE_WORK_BASIS] = 2 * (double)b->basis_start[b->cluster_count];
+    work[PALPATE_WORK_CLUSTERS] = b->cluster_count;
+    work[PALPATE_WORK_ROWS] = 3 * (double)model->info.row_count;
+}
+
+const double pal_field_work_ns[PALPATE_FIELD_WORK] = {
+    [PALPATE_WORK_TOUCHED] = 0.0255, [PALPATE_WORK_INTEGER] = 0.035, [PALPATE_WORK_BASIS] = 0.026,
+    [PALPATE_WORK_NEAR] = 0.03,      [PALPATE_WORK_PAIRS] = 210,     [PALPATE_WORK_CLUSTERS] = 225,
+    [PALPATE_WORK_ROWS] = 0};
+
+double pal_field_predict(const pal_model *model, int32_t count, const int32_t *dof) {
+    double work[PALPATE_FIELD_WORK], ns = 0;
+    pal_field_count_work(model, count, dof, work);
+    for (int i = 0; i < PALPATE_FIELD_WORK; i++) {
+        ns += pal_field_work_ns[i] * work[i];
+    }
+    return ns;
 }

@@ -26,8 +26,30 @@ PALPATE_API void pal_field_compute(pal_isa isa, const pal_model *model, int32_t 
                                    const int32_t *dof, const double *f, const float *f32,
                                    void *scratch, float *out);
 
+/// What a field costs, counted: bytes of touched columns (of 16-bit numbers apart: converting costs
+/// a little), bytes of bases, which stay in the cache from tick to tick, bytes of near pairs, which
+/// are short runs from anywhere; then what has to be begun: near pairs, clusters, and rows to put
+/// where they belong.
+enum {
+    PALPATE_WORK_TOUCHED,
+    PALPATE_WORK_INTEGER,
+    PALPATE_WORK_BASIS,
+    PALPATE_WORK_NEAR,
+    PALPATE_WORK_PAIRS,
+    PALPATE_WORK_CLUSTERS,
+    PALPATE_WORK_ROWS,
+    PALPATE_FIELD_WORK
+};
+
+/// Count the work of pal_field_compute for these dofs. Cost: O(count^2).
+PALPATE_API void pal_field_count_work(const pal_model *model, int32_t count, const int32_t *dof,
+                                      double work[PALPATE_FIELD_WORK]);
+
+/// Nanoseconds of each kind of work: the least squares of the relative errors over the forms and
+/// bodies that bench/compress measures, which prints the fit anew.
+extern PALPATE_API const double pal_field_work_ns[PALPATE_FIELD_WORK];
+
 /// Predicted nanoseconds of pal_field_compute for these dofs on the machine of bench/results.
-/// Cost: O(count^2).
 PALPATE_API double pal_field_predict(const pal_model *model, int32_t count, const int32_t *dof);
 
 #endif

@@ -9,6 +9,7 @@
 #include "haptic/base/error.h"
 #include "src/cloud/locate.h"
 #include "src/discretization/neighbours.h"
+#include "src/solution/memory_plan.h"
 
 enum { SURFACE_CANDIDATES = 8 };
 
@@ -90,10 +91,8 @@ static pal_status fill_sets(const pal_scene *scene, const pal_node_sets *sets, p
                       : scene->store_rows == PALPATE_STORE_SURFACE ? info->surface_count
                                                                    : n;
     // a tolerance chooses the form of the rows itself, from rows that are more exact
-    double tolerance = scene->store_tolerance;
-    info->precision = tolerance == 0     ? scene->precision
-                      : tolerance > 1e-5 ? PALPATE_PRECISION_SINGLE
-                                         : PALPATE_PRECISION_DOUBLE;
+    info->field_tolerance = info->row_count > 0 ? scene->store_tolerance : 0;
+    info->precision = pal_memory_plan_precision(scene->store_tolerance, scene->precision);
     info->patch_count = sets->patch_count;
     m->column_node = malloc(((size_t)columns + 1) * sizeof *m->column_node);
     m->row_node = malloc(((size_t)info->row_count + 1) * sizeof *m->row_node);

@@ -1,6 +1,7 @@
 /// `touchable: all` and other large wishes: memory is predicted from counts before it is asked for,
 /// a body that does not fit is refused by name, one that fits is done within the prediction, and
 /// whatever limit the process has, the answer is a status and a message, never a crash.
+#include <malloc.h>
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,8 +18,11 @@
 
 #include <palpate/precompute.h>
 
+#include "haptic/model/model.h"
 #include "src/solution/memory_plan.h"
+#include "src/store/compress.h"
 #include "tests/support/scene_text.h"
+#include "tests/support/synthetic_model.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define SANITIZED 1 // they reserve terabytes of address space: no limit on it can be set
@@ -172,6 +176,99 @@ static void what_fits_is_done_within_its_prediction(void **state) {
     assert_true(strlen(refused.message) > 20);
 }
 
+static void a_tolerance_counts_its_candidates(void **state) {
+    (void)state;
+    pal_model_info info = {.node_count = 20000,
+                           .column_count = 10000,
+                           .row_count = 20000,
+                           .precision = PALPATE_PRECISION_SCALED, // what it became
+                           .field_tolerance = 1e-3,
+                           .method = "cell"};
+    double t = 30000.0, s = 60000.0;
+    // dense in single precision, then scaled integers and bases beside it
+    assert_true((double)pal_memory_plan_blocks(&info) == 8 * t * t + 4 * t * s);
+    assert_true((double)pal_memory_plan_compress(&info) >= 4 * t * s);
+    assert_true(pal_memory_plan_peak(&info) >=
+                pal_memory_plan_blocks(&info) + pal_memory_plan_compress(&info));
+    info.field_tolerance = 1e-6; // from double precision, through single
+    assert_true((double)pal_memory_plan_blocks(&info) == 8 * t * t + 8 * t * s);
+    assert_true((double)pal_memory_plan_compress(&info) >= 8 * t * s);
+    info.field_tolerance = 0; // the contacts that measure the field
+    assert_true((double)pal_memory_plan_compress(&info) < 1000 * s);
+    info.row_count = 0;
+    assert_true(pal_memory_plan_compress(&info) == 0);
+}
+
+static uint64_t status_bytes(const char *key) {
+    char line[160];
+    unsigned long long kib = 0;
+    FILE *f = fopen("/proc/self/status", "r");
+    while (f != NULL && fgets(line, sizeof line, f) != NULL) {
+        if (strncmp(line, key, strlen(key)) == 0) {
+            (void)sscanf(line + strlen(key), " %llu", &kib);
+        }
+    }
+    if (f != NULL) {
+        (void)fclose(f);
+    }
+    return 1024 * (uint64_t)kib;
+}
+
+/// What choosing a form of these rows takes beside them, in a process of its own.
+static uint64_t compressing_takes(int32_t n, int32_t layers, double tolerance, uint64_t *planned) {
+    synthetic_params params = synthetic_default_params();
+    params.n = n;
+    params.layers = layers;
+    params.rows = SYNTHETIC_ROWS_ALL;
+    params.precision = pal_memory_plan_precision(tolerance, PALPATE_PRECISION_SINGLE);
+    pal_model *model = synthetic_model(&params);
+    assert_non_null(model);
+    model->info.field_tolerance = tolerance;
+    *planned = pal_memory_plan_compress(&model->info);
+    (void)malloc_trim(0);
+    int end[2], how = 0;
+    uint64_t taken = 0;
+    assert_int_equal(pipe(end), 0);
+    pid_t child = fork();
+    assert_true(child >= 0);
+    if (child == 0) { // its high-water mark starts at what it has
+        uint64_t before = status_bytes("VmRSS:");
+        pal_error error = {0};
+        pal_status status = pal_compress(model, tolerance, NULL, &error);
+        taken = status_bytes("VmHWM:") - before;
+        _exit(status == PALPATE_OK && write(end[1], &taken, sizeof taken) == sizeof taken ? 0 : 1);
+    }
+    (void)close(end[1]);
+    assert_int_equal(read(end[0], &taken, sizeof taken), sizeof taken);
+    (void)close(end[0]);
+    assert_int_equal(waitpid(child, &how, 0), child);
+    assert_true(WIFEXITED(how) && WEXITSTATUS(how) == 0);
+    pal_model_free(model);
+    return taken;
+}
+
+/// Chosen within what was planned, and the plan is not idle: a fifth of it at least is used (one of
+/// two threads may find little to do, and bases be small).
+static void choosing_a_form_stays_within_its_plan(void **state) {
+    (void)state;
+    if (SANITIZED) {
+        skip();
+    }
+    static const struct {
+        int32_t n, layers;
+        double tolerance;
+    } cases[] = {{10, 4, 1e-3}, {16, 8, 1e-2}, {14, 6, 1e-6}};
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+        uint64_t planned;
+        uint64_t taken =
+            compressing_takes(cases[k].n, cases[k].layers, cases[k].tolerance, &planned);
+        print_message("%d columns to %g: took %.1f MB, planned %.1f MB\n", cases[k].n * cases[k].n,
+                      cases[k].tolerance, 1e-6 * (double)taken, 1e-6 * (double)planned);
+        assert_true(taken <= planned);
+        assert_true(taken >= planned / 5);
+    }
+}
+
 static void no_limit_crashes_it(void **state) {
     (void)state;
     if (SANITIZED) {
@@ -193,6 +290,8 @@ int main(void) {
         cmocka_unit_test(ten_thousand_touchable_nodes_are_predicted),
         cmocka_unit_test(what_does_not_fit_is_refused_with_its_counts),
         cmocka_unit_test(what_fits_is_done_within_its_prediction),
+        cmocka_unit_test(a_tolerance_counts_its_candidates),
+        cmocka_unit_test(choosing_a_form_stays_within_its_plan),
         cmocka_unit_test(no_limit_crashes_it),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
