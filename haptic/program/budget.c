@@ -8,11 +8,10 @@
 /// p99 against touched nodes is measured on the finer pilot with tools of growing radius, the field
 /// follows from its bytes and this machine's measured seconds per byte (haptic/engine/cost.h),
 /// offline seconds go with nodes^1.8 (bench/offline). Candidates: method x spacing factor x stored
-/// rows x precision x who computes the field. The pick keeps the rows the scene asks for when it
-/// can, then takes the least error (a budget of time or bytes) or the cheapest tick (a budget of
-/// error alone). Errors below half a per cent count as equal: a hand tells forces apart from
-/// several per cent on. The model is built and measured; what it misses corrects the prediction of
-/// its kind and the next pick is tried.
+/// rows x precision x who computes the field. What the pick is the best of: BUDGET_RULE in
+/// budget.h; errors below half a per cent count as equal, as a hand tells forces apart from several
+/// per cent on. The model is built and measured; what it misses corrects the prediction of its kind
+/// and the next pick is tried.
 #include "haptic/program/budget.h"
 
 #include <math.h>
@@ -500,11 +499,12 @@ static json_t *number_or_null(double v) {
 static json_t *make_account(const search *s, const candidate *c, const measured *m, int fitting,
                             int rounds) {
     const budget *b = s->wanted;
-    const char *why =
-        b->tick_us <= 0.0 && b->bytes <= 0.0 ? "the cheapest tick that keeps the error"
-        : c->error < 0.0                     ? "the finest spacing that fits"
-        : c->error <= ERROR_FLOOR ? "an error below 0.5 % that fits, the least work offline"
-                                  : "the least estimated error that fits";
+    int error_alone = b->tick_us <= 0.0 && b->bytes <= 0.0;
+    const char *why = error_alone      ? "the cheapest tick that keeps the error"
+                      : c->error < 0.0 ? "the finest spacing that fits"
+                      : c->error <= ERROR_FLOOR
+                          ? "an error below 0.5 % that fits, the least work offline"
+                          : "the least estimated error that fits";
     json_t *j = json_object(), *pilots = json_array();
     json_object_set_new(j, "asked",
                         json_pack("{s:o,s:o,s:o}", "tick_us",
@@ -517,6 +517,7 @@ static json_t *make_account(const search *s, const candidate *c, const measured 
                   c->factor, "displacement", rows_name[c->rows], "precision", form_name(c),
                   "tolerance", c->form == COMPRESSED ? TOLERANCE : 0.0, "field", by_name[c->by]));
     json_object_set_new(j, "why", json_string(why));
+    json_object_set_new(j, "optimised", json_string(error_alone ? BUDGET_RULE_ERROR : BUDGET_RULE));
     json_object_set_new(j, "considered", json_integer(s->count));
     json_object_set_new(j, "fitting", json_integer(fitting));
     json_object_set_new(j, "built", json_integer(rounds));
@@ -643,6 +644,7 @@ void budget_print(const json_t *account) {
                  (long long)json_integer_value(json_object_get(account, "fitting")),
                  (long long)json_integer_value(json_object_get(account, "considered")),
                  (long long)json_integer_value(json_object_get(account, "built")));
+    (void)printf("  optimised    of all that fit: %s\n", text(account, "optimised"));
     (void)printf("  predicted    %.1f us a tick (p99), %.1f MB", real(a, "tick_us"),
                  1e-6 * real(a, "bytes"));
     print_error(a);

@@ -63,7 +63,8 @@ static const struct argp_option list[] = {
     {"budget", 'b', "B", 0,
      "Pick method, spacing, stored rows, precision and who computes the field so that a tick "
      "(300us), the "
-     "model (200MB) or its error (2%) keeps to B; may be given once of each kind",
+     "model (200MB) or its error (2%) keeps to B; may be given once of each kind. Of all that is "
+     "predicted to keep to it, it takes " BUDGET_RULE "; with an error alone, " BUDGET_RULE_ERROR,
      1},
     {"rebuild", 'r', NULL, 0, "Build even when the cache has the model", 1},
     {0}};

@@ -109,6 +109,10 @@ static void an_error_is_met_by_the_models_own_estimate(void **state) {
     program_result info = run("info %s --json", model);
     double estimate = program_number(info.json, "certificate.estimated_error");
     assert_true(estimate > 0.0 && estimate <= 0.06);
+    const char *rule =
+        json_string_value(json_object_get(json_object_get(r.json, "budget"), "optimised"));
+    assert_non_null(rule);
+    assert_non_null(strstr(rule, "then the cheapest tick"));
     program_clear(&info);
     program_clear(&r);
     r = run("precompute %s --budget 6%%", plain); // nothing there to estimate it with
@@ -125,6 +129,8 @@ static void a_time_budget_of_no_concern_is_met_and_said(void **state) {
     assert_int_equal(r.status, 0);
     assert_non_null(strstr(r.out, "picked "));
     assert_non_null(strstr(r.out, "because "));
+    assert_non_null(strstr(r.out, "optimised    of all that fit: the most of the stored rows"));
+    assert_non_null(strstr(r.out, "below 0.5 % all count as equal"));
     assert_non_null(strstr(r.out, "predicted "));
     assert_non_null(strstr(r.out, "measured "));
     program_clear(&r);
