@@ -1,8 +1,9 @@
 /// @file working_set.c  Gathering and keeping the regular compliance of the nodes in use.
 ///
 /// The set is compact: a node leaves by the last one taking its slot, so sweeps over the block are
-/// contiguous. A few nodes that were not used in the last tick stay, oldest first out: a tool that
-/// trembles over the edge of a stencil reads nothing twice.
+/// contiguous. Of a symmetric C_TT each block is read once and mirrored. A few nodes that were not
+/// used in the last tick stay, oldest first out: a tool that trembles over the edge of a stencil
+/// reads nothing twice.
 #include "haptic/contact/working_set.h"
 #include "haptic/base/block.h"
 
@@ -88,18 +89,27 @@ void pal_working_set_begin(pal_working_set *set) {
     set->tick++;
 }
 
-/// Store R of slots a (rows) and b (columns) from C's 3 x 3 block, c[row + 3 column].
-static void put(pal_working_set *set, int32_t a, int32_t b, const double c[9]) {
-    double r[9];
-    if (!pal_near_pair(set->near, set->column[a], set->column[b], r)) {
-        pal_near_kernel(set->near, set->column[a], set->column[b], r);
-        for (int k = 0; k < 9; k++) {
-            r[k] = c[k] - r[k];
-        }
+/// Store r[i + 3 j] as R of slots a (rows) and b (columns).
+static inline void put(pal_working_set *set, int32_t a, int32_t b, const double r[9]) {
+    double *to = set->block + 3 * (size_t)a + 3 * (size_t)b * (size_t)set->stride;
+    for (int j = 0; j < 3; j++, to += set->stride) {
+        to[0] = r[3 * j];
+        to[1] = r[3 * j + 1];
+        to[2] = r[3 * j + 2];
     }
-    double *block = set->block + 3 * (size_t)a + 3 * (size_t)b * (size_t)set->stride;
-    for (size_t j = 0; j < 3; j++) {
-        memcpy(block + j * (size_t)set->stride, r + 3 * j, 3 * sizeof *r);
+}
+
+/// R of slots a (rows) and b (columns) from C's 3 x 3 block at c, columns `ld` apart.
+static inline void regular_part(const pal_working_set *set, int32_t a, int32_t b, const double *c,
+                                size_t ld, double r[9]) {
+    if (pal_near_pair(set->near, set->column[a], set->column[b], r)) {
+        return;
+    }
+    pal_near_kernel(set->near, set->column[a], set->column[b], r);
+    for (int j = 0; j < 3; j++, c += ld) {
+        r[3 * j] = c[0] - r[3 * j];
+        r[3 * j + 1] = c[1] - r[3 * j + 1];
+        r[3 * j + 2] = c[2] - r[3 * j + 2];
     }
 }
 
@@ -130,23 +140,19 @@ int32_t pal_working_set_add(pal_working_set *set, int32_t column) {
     }
     for (int32_t a = 0; a <= s; a++) {
         size_t row = 3 * (size_t)set->column[a];
-        double down[9], across[9];
-        for (size_t j = 0; j < 3; j++) {
-            for (size_t i = 0; i < 3; i++) {
-                down[i + 3 * j] = c_tt[row + i + (own + j) * ld];
-            }
-        }
-        put(set, a, s, down);
+        double r[9];
+        regular_part(set, a, s, c_tt + row + own * ld, ld, r);
+        put(set, a, s, r);
         if (a == s) {
             break;
         }
-        for (size_t j = 0; j < 3; j++) {
-            for (size_t i = 0; i < 3; i++) {
-                across[i + 3 * j] =
-                    set->symmetric ? down[j + 3 * i] : c_tt[own + i + (row + j) * ld];
-            }
+        if (set->symmetric) {
+            const double mirrored[9] = {r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8]};
+            put(set, s, a, mirrored);
+        } else {
+            regular_part(set, s, a, c_tt + own + row * ld, ld, r);
+            put(set, s, a, r);
         }
-        put(set, s, a, across);
     }
     return s;
 }
