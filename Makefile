@@ -130,6 +130,8 @@ build-all: $(LIB_A) $(LIB_SO) $(OFFLINE) $(MESHER) $(READER) $(PROGRAM)
 
 # per-component include flags
 $(ONLINE_OBJ): EXTRA = $(call pc-cflags,$(ONLINE_PC))
+# the tick's small loops gain 7 % (bench/ticks)
+$(call obj,$(wildcard haptic/contact/*.c haptic/solver/*.c haptic/base/dense.c)): EXTRA += $(patsubst -O2,-O3,$(filter -O2,$(OPT)))
 # gcc 12 makes fmaddsub of straight-line code for FMA targets although told not to contract (make golden)
 $(call obj,haptic/base/pose.c): EXTRA += -fno-tree-slp-vectorize
 $(OFFLINE_OBJ): EXTRA = $(call pc-cflags,$(OFFLINE_PC)) -isystem /usr/include/suitesparse

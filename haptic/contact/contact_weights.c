@@ -76,16 +76,13 @@ size_t pal_weights_bytes(const pal_model *model) {
     return place(model, &table, &mark, NULL);
 }
 
-/// Position and fan normal (unit) at a point of a triangle, the position on the flat triangle.
-static void sample(const pal_rest_surface *s, int32_t t, const double b[3], double x[3],
-                   double n[3]) {
+/// Fan normal (unit) at a point of a triangle.
+static inline void normal_at(const pal_rest_surface *s, int32_t t, const double b[3], double n[3]) {
+    const int32_t *v = s->triangle + 3 * (size_t)t;
+    const double *n0 = s->node_normal + 3 * (size_t)v[0], *n1 = s->node_normal + 3 * (size_t)v[1],
+                 *n2 = s->node_normal + 3 * (size_t)v[2];
     for (int i = 0; i < 3; i++) {
-        x[i] = n[i] = 0.0;
-        for (int c = 0; c < 3; c++) {
-            size_t v = (size_t)s->triangle[3 * (size_t)t + (size_t)c];
-            x[i] += b[c] * s->position[3 * v + (size_t)i];
-            n[i] += b[c] * s->node_normal[3 * v + (size_t)i];
-        }
+        n[i] = b[0] * n0[i] + b[1] * n1[i] + b[2] * n2[i];
     }
     double length = sqrt(dot(n, n));
     for (int i = 0; i < 3 && length > 0.0; i++) {
@@ -93,9 +90,22 @@ static void sample(const pal_rest_surface *s, int32_t t, const double b[3], doub
     }
 }
 
+/// Position and fan normal at a point of a triangle, the position on the flat triangle.
+static void sample(const pal_rest_surface *s, int32_t t, const double b[3], double x[3],
+                   double n[3]) {
+    const int32_t *v = s->triangle + 3 * (size_t)t;
+    for (int i = 0; i < 3; i++) {
+        x[i] = 0.0;
+        for (int c = 0; c < 3; c++) {
+            x[i] += b[c] * s->position[3 * (size_t)v[c] + (size_t)i];
+        }
+    }
+    normal_at(s, t, b, n);
+}
+
 /// Distance used by the weights; HUGE_VAL for a node that faces the other way.
-static double reach_of(const pal_rest_surface *s, int32_t node, const double x[3],
-                       const double n[3]) {
+static inline double reach_of(const pal_rest_surface *s, int32_t node, const double x[3],
+                              const double n[3]) {
     const double *y = s->position + 3 * (size_t)node, *m = s->node_normal + 3 * (size_t)node;
     double d[3] = {y[0] - x[0], y[1] - x[1], y[2] - x[2]}, facing = 1.0 + dot(n, m);
     return facing > 1e-3 ? sqrt(dot(d, d)) * 2.0 / facing : HUGE_VAL;
@@ -410,7 +420,7 @@ static double find_nearest(const pal_weights_table *table, const pal_surface_poi
 static double find_within(const pal_weights_table *table, const pal_surface_point *at,
                           const double n[3], int32_t list, double radius, nearest *out) {
     const int32_t *candidate = table->candidate + (size_t)list * PALPATE_WEIGHTS_CANDIDATES;
-    double r[PALPATE_WEIGHTS_CANDIDATES], scratch[PALPATE_WEIGHTS_CANDIDATES];
+    double r[PALPATE_WEIGHTS_CANDIDATES] = {0.0}, scratch[PALPATE_WEIGHTS_CANDIDATES];
     int32_t count = table->count[list];
     for (int32_t k = 0; k < count; k++) {
         r[k] = reach_of(table->surface, table->model->column_node[candidate[k]], at->position, n);
@@ -433,7 +443,7 @@ int32_t pal_weights_at(const pal_weights_table *table, const pal_surface_point *
                        pal_weights *out) {
     const pal_rest_surface *s = table->surface;
     const pal_model *model = table->model;
-    double flat[3], n[3], u[3], v[3];
+    double n[3], u[3], v[3];
     double q[PALPATE_WEIGHTS_MAX][2];
     nearest found;
     out->count = 0;
@@ -442,7 +452,7 @@ int32_t pal_weights_at(const pal_weights_table *table, const pal_surface_point *
     if (list < 0) {
         return 0;
     }
-    sample(s, at->triangle, at->weight, flat, n);
+    normal_at(s, at->triangle, at->weight, n);
     out->radius = radius > 0.0 ? find_within(table, at, n, list, radius, &found)
                                : find_nearest(table, at, n, list, &found);
     double over = out->radius > 0.0 ? 1.0 / out->radius : 0.0;
