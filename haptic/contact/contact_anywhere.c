@@ -124,11 +124,24 @@ static int has_friction(const pal_contact_def *def) {
     return some;
 }
 
+/// Of anywhere_around without its directions.
+static size_t around_bytes(size_t points) {
+    return 5 * pal_block_padded((points + 4) * sizeof(double));
+}
+
+static void take_around(anywhere_around *around, size_t points, unsigned char **at) {
+    double **part[] = {&around->x, &around->y, &around->z, &around->width, &around->near};
+    for (size_t k = 0; k < sizeof part / sizeof *part; k++) {
+        *part[k] = pal_block_take(at, (points + 4) * sizeof(double));
+    }
+}
+
 /// Of what contact_friction.c keeps.
 static size_t past_bytes(const pal_model *model, const pal_contact_def *def) {
     size_t points = (size_t)point_capacity(def), nodes = (size_t)node_capacity(model, def);
     return has_friction(def)
-               ? pal_block_padded(points * sizeof(anywhere_trace)) +
+               ? pal_block_padded(points * sizeof(anywhere_trace)) + around_bytes(points) +
+                     pal_block_padded(4 * points * sizeof(double)) +
                      pal_block_padded(nodes * sizeof(int32_t)) +
                      3 * pal_block_padded(3 * nodes * sizeof(double)) + pal_block_padded(nodes)
                : 0;
@@ -144,8 +157,7 @@ static size_t anywhere_bytes(const pal_model *model, const pal_contact_def *def)
            pal_block_padded(points * sizeof(anywhere_held)) +
            pal_block_padded(points * sizeof(pal_surface_point)) +
            pal_block_padded((rows * y_stride(model, def) + 1) * sizeof(double)) +
-           5 * pal_block_padded((points + 4) * sizeof(double)) +
-           pal_block_padded(12 * points * sizeof(double)) +
+           around_bytes(points) + pal_block_padded(12 * points * sizeof(double)) +
            pal_block_padded(rows * rows * sizeof(double)) +
            4 * pal_block_padded(rows * sizeof(double)) + pal_block_padded(points * sizeof(double)) +
            2 * pal_block_padded(points) + pal_block_padded(pal_friction_bytes((int32_t)points)) +
@@ -211,11 +223,7 @@ static void *anywhere_init(void *memory, const pal_model *model, const pal_conta
     law->held = pal_block_take(&at, points * sizeof *law->held);
     law->place = pal_block_take(&at, points * sizeof *law->place);
     law->y = pal_block_take(&at, (rows * y_stride(model, def) + 1) * sizeof(double));
-    double **around[] = {&law->around.x, &law->around.y, &law->around.z, &law->around.width,
-                         &law->around.near};
-    for (size_t k = 0; k < sizeof around / sizeof *around; k++) {
-        *around[k] = pal_block_take(&at, (points + 4) * sizeof(double));
-    }
+    take_around(&law->around, points, &at);
     law->around.along = pal_block_take(&at, 12 * points * sizeof(double));
     law->m = pal_block_take(&at, rows * rows * sizeof(double));
     law->q = pal_block_take(&at, rows * sizeof(double));
@@ -232,6 +240,8 @@ static void *anywhere_init(void *memory, const pal_model *model, const pal_conta
     law->frictional = has_friction(def);
     if (law->frictional) {
         law->trace = pal_block_take(&at, points * sizeof *law->trace);
+        take_around(&law->past, points, &at);
+        law->past.along = pal_block_take(&at, 4 * points * sizeof(double));
         law->past_column = pal_block_take(&at, nodes / 3 * sizeof(int32_t));
         law->past_force = pal_block_take(&at, nodes * sizeof(double));
         law->past_u = pal_block_take(&at, nodes * sizeof(double));

@@ -143,6 +143,7 @@ typedef struct anywhere_law {
     int frictional;
     int32_t traces;
     anywhere_trace *trace; ///< shape [capacity]
+    anywhere_around past;  ///< of the traces; along: force and its part along the normal, 4 each
     int32_t past_nodes;
     int32_t *past_column; ///< nodes of the working set then, shape [set.capacity]
     double *past_force;   ///< on them [N], shape [set.capacity, 3]

@@ -236,6 +236,13 @@ void pal_anywhere_remember(anywhere_law *law) {
                 trace->force[c] += law->z[point->first + a] * point->along[a][c];
             }
         }
+        double *along = law->past.along + 4 * (size_t)i;
+        law->past.x[i] = point->x[0];
+        law->past.y[i] = point->x[1];
+        law->past.z[i] = point->x[2];
+        law->past.width[i] = point->width;
+        memcpy(along, trace->force, sizeof trace->force);
+        along[3] = dot(trace->force, trace->normal);
     }
     if (pal_have_avx2()) {
         sum_sweeps_avx2(law);

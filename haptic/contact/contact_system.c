@@ -94,28 +94,12 @@ static double spread(const anywhere_point *i, const anywhere_point *j) {
     return i == j ? b / i->fade : b;
 }
 
-void pal_anywhere_trace(const anywhere_law *law, const anywhere_point *point, double u[3]) {
-    double t = law->near.tangent, more = law->near.normal - t;
-    u[0] = u[1] = u[2] = 0.0;
-    for (int32_t k = 0; k < law->traces; k++) {
-        const anywhere_trace *j = &law->trace[k];
-        double b = apart(point, j->x, j->width, j->tool, j->station, point->id == j->id);
-        b = point->id == j->id ? b / j->fade : b;
-        double along = dot(j->force, j->normal);
-        for (int i = 0; i < 3; i++) {
-            u[i] += b * (t * j->force[i] + more * along * point->normal[i]);
-        }
-    }
-}
-
-/// law->near[p] = b between j and the points from `first` on; two points of the same tool and
-/// station take no factor.
-PALPATE_INLINE void find_near(anywhere_law *law, int32_t j, int32_t first) {
-    const anywhere_point *point = law->point;
-    const anywhere_around *at = &law->around;
-    const pal_lanes x = PALPATE_FILL(point[j].x[0]), y = PALPATE_FILL(point[j].x[1]),
-                    z = PALPATE_FILL(point[j].x[2]), w = PALPATE_FILL(point[j].width);
-    for (int32_t p = first; p < law->points; p += PALPATE_LANES) {
+/// to[k] = 1 / sqrt(|x_k - x|^2 + (w_k + w)^2) of the points `at`.
+PALPATE_INLINE void find_inverse(const anywhere_around *at, int32_t first, int32_t count,
+                                 const anywhere_point *point, double *to) {
+    const pal_lanes x = PALPATE_FILL(point->x[0]), y = PALPATE_FILL(point->x[1]),
+                    z = PALPATE_FILL(point->x[2]), w = PALPATE_FILL(point->width);
+    for (int32_t p = first; p < count; p += PALPATE_LANES) {
         pal_lanes a, b, c, both, square;
         PALPATE_LOAD(a, at->x + p);
         PALPATE_LOAD(b, at->y + p);
@@ -127,8 +111,51 @@ PALPATE_INLINE void find_near(anywhere_law *law, int32_t j, int32_t first) {
             square[k] = sqrt(square[k]);
         }
         square = 1.0 / square;
-        PALPATE_STORE(at->near + p, square);
+        PALPATE_STORE(to + p, square);
     }
+}
+
+PALPATE_INLINE void trace_all(const anywhere_law *law, const anywhere_point *point, double u[3]) {
+    const anywhere_around *past = &law->past;
+    double t = law->near.tangent, more = law->near.normal - t;
+    pal_lanes sum = PALPATE_FILL(0.0); // of b f, and of b f.n
+    find_inverse(past, 0, law->traces, point, past->near);
+    for (int32_t k = 0; k < law->traces; k++) {
+        const anywhere_trace *j = &law->trace[k];
+        double b = past->near[k];
+        if (point->id == j->id) {
+            b /= j->fade;
+        } else {
+            b *= point->tool != j->tool ? APART : point->station != j->station ? ALONG : 1.0;
+        }
+        pal_lanes f;
+        PALPATE_LOAD(f, past->along + 4 * (size_t)k);
+        sum += b * f;
+    }
+    for (int i = 0; i < 3; i++) {
+        u[i] = t * sum[i] + more * sum[3] * point->normal[i];
+    }
+}
+
+PALPATE_AVX2 static void trace_all_avx2(const anywhere_law *law, const anywhere_point *point,
+                                        double u[3]) {
+    trace_all(law, point, u);
+}
+
+void pal_anywhere_trace(const anywhere_law *law, const anywhere_point *point, double u[3]) {
+    if (pal_have_avx2()) {
+        trace_all_avx2(law, point, u);
+    } else {
+        trace_all(law, point, u);
+    }
+}
+
+/// law->near[p] = b between j and the points from `first` on; two points of the same tool and
+/// station take no factor.
+PALPATE_INLINE void find_near(anywhere_law *law, int32_t j, int32_t first) {
+    const anywhere_point *point = law->point;
+    const anywhere_around *at = &law->around;
+    find_inverse(at, first, law->points, &point[j], at->near);
     for (int32_t p = first; p < law->points; p++) {
         at->near[p] *= point[p].tool != point[j].tool         ? APART
                        : point[p].station != point[j].station ? ALONG
