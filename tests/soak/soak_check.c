@@ -6,10 +6,9 @@
 /// out along one line, it must not end below zero by more than the rule cannot tell (in and out are
 /// sampled at different depths; for a force that is monotone within a tick a trapezoid errs by less
 /// than |dF| |dx| / 2, and errors of both signs come: half of that is allowed): whatever the law,
-/// it may keep no memory that gives energy back. Where tools slide, the contact laws are not
-/// conservative, and that is measured, not judged: forces act along the rest shape's normals, so
-/// the tangential force that belongs to a compliance varying along the surface is missing, and
-/// sliding to and fro takes or gives energy.
+/// it may keep no memory that gives energy back. Where tools slide, forces are the gradient of an
+/// energy to a few per cent only (contact_touch.c, test_contact_energy), those of the nodal law not
+/// at all: measured, not judged.
 #include "tests/soak/soak.h"
 
 #include <math.h>
