@@ -382,7 +382,7 @@ static double find_nearest(const pal_weights_table *table, const pal_surface_poi
         double r = reach_of(s, table->model->column_node[candidate[k]], x, n);
         out->r[out->count] = r;
         out->column[out->count] = candidate[k];
-        out->count += r < HUGE_VAL;
+        out->count += r < HUGE_VAL ? 1 : 0;
     }
     if (out->count == 0) {
         return 0.0;
