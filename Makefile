@@ -374,7 +374,8 @@ docs: build-all ## reference of the C API (doxygen) and of the scene's keys, bel
 	@$(PROGRAM) schema > $(BUILD)/docs/scene-keys.txt
 	@echo "$(BUILD)/docs/html/index.html $(BUILD)/docs/scene-keys.txt"
 
-VALGRIND_TESTS ?= output watchdog pose ring pace quantiles hash trajectory status replay
+VALGRIND_TESTS ?= output watchdog pose ring pace quantiles hash trajectory status replay snapshot device \
+                  press model near_field contact
 .PHONY: memcheck
 memcheck: build-tests ## the small tests under valgrind
 	@printf '%s\n' $(VALGRIND_TESTS) | xargs -P$(JOBS) -I{} sh -c 'echo "  VALGRIND test_{}"; valgrind -q --leak-check=full \
