@@ -21,7 +21,8 @@
     X(OUTPUT, "output stage")                                                                      \
     X(DEVICE_OUT, "force out")                                                                     \
     X(FIELD, "field")                                                                              \
-    X(PUBLISH, "publish")
+    X(PUBLISH, "publish")                                                                          \
+    X(WARM, "warming the cache for the next tick")
 
 typedef enum pal_stage {
 #define PALPATE_STAGE_ENUM(name, text) PALPATE_STAGE_##name,

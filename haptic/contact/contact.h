@@ -73,6 +73,9 @@ typedef struct pal_contact_law {
     void (*solve)(void *self, const pal_contact_tool tools[], pal_contact_result *result);
     /// Forget contacts and forces.
     void (*reset)(void *self);
+    /// Bring what the next tick will read back into the cache: the field's sweep over megabytes
+    /// has put it out, and the next force should not wait for memory. Changes nothing. May be NULL.
+    void (*warm)(const void *self);
 } pal_contact_law;
 
 /// Contact points anywhere on the surface, unilateral: contact_anywhere.c. The default.

@@ -410,6 +410,42 @@ static void anywhere_solve(void *self, const pal_contact_tool tools[], pal_conta
     }
 }
 
+static void fetch(const void *memory, size_t bytes) {
+    const char *at = memory;
+    for (size_t k = 0; k < bytes; k += PALPATE_BLOCK_LINE) {
+        __builtin_prefetch(at + k);
+    }
+}
+
+/// The compliance of the nodes in use first: it is most, and the sweeps run through all of it.
+static void anywhere_warm(const void *self) {
+    const anywhere_law *law = self;
+    const pal_working_set *set = &law->set;
+    const pal_rest_surface *surface = &law->surface;
+    size_t nodes = 3 * (size_t)set->count, points = (size_t)law->points, rows = (size_t)law->rows;
+    for (size_t c = 0; c < nodes && points > 0; c++) {
+        fetch(set->block + c * (size_t)set->stride, nodes * sizeof(double));
+    }
+    for (size_t r = 0; r < rows; r++) {
+        fetch(law->y + r * (size_t)law->ld, nodes * sizeof(double));
+    }
+    fetch(law->m, rows * rows * sizeof(double));
+    fetch(law->point, points * sizeof *law->point);
+    for (int32_t s = 0; s < set->count && points > 0; s++) {
+        size_t node = (size_t)law->model->column_node[set->column[s]];
+        fetch(surface->position + 3 * node, 3 * sizeof(double));
+        fetch(surface->node_normal + 3 * node, 3 * sizeof(double));
+    }
+    for (size_t p = 0; p < points; p++) {
+        const pal_surface_point *place = &law->place[law->point[p].id];
+        if (place->triangle >= 0) {
+            pal_weights_fetch(&law->weights, place->triangle);
+            fetch(surface->corner_normal + 9 * (size_t)place->triangle, 9 * sizeof(double));
+            fetch(surface->bend + 9 * (size_t)place->triangle, 9 * sizeof(double));
+        }
+    }
+}
+
 const pal_contact_law pal_contact_anywhere = {
     .name = "surface",
     .check = anywhere_check,
@@ -417,4 +453,5 @@ const pal_contact_law pal_contact_anywhere = {
     .init = anywhere_init,
     .solve = anywhere_solve,
     .reset = anywhere_reset,
+    .warm = anywhere_warm,
 };

@@ -483,3 +483,12 @@ int32_t pal_weights_at(const pal_weights_table *table, const pal_surface_point *
     }
     return out->count;
 }
+
+void pal_weights_fetch(const pal_weights_table *table, int32_t triangle) {
+    int32_t list = table->list[triangle];
+    for (int32_t k = 0; list >= 0 && k < 32; k += 16) { // two lines of each: most look no farther
+        size_t at = (size_t)list * PALPATE_WEIGHTS_CANDIDATES + (size_t)k;
+        __builtin_prefetch(table->candidate + at);
+        __builtin_prefetch(table->away + at);
+    }
+}

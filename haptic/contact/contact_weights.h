@@ -70,4 +70,7 @@ void pal_weights_init(pal_weights_table *table, const pal_model *model,
 int32_t pal_weights_at(const pal_weights_table *table, const pal_surface_point *at, double radius,
                        pal_weights *out);
 
+/// Ask for a triangle's candidates to be in the cache.
+void pal_weights_fetch(const pal_weights_table *table, int32_t triangle);
+
 #endif

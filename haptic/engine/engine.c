@@ -480,6 +480,10 @@ void pal_engine_field(pal_engine *engine) {
         engine->counts.frames_published++;
     }
     pal_stages_end(engine->stages, PALPATE_STAGE_PUBLISH);
+    if (field != NULL && engine->law->warm != NULL) {
+        engine->law->warm(engine->contact);
+    }
+    pal_stages_end(engine->stages, PALPATE_STAGE_WARM);
 }
 
 uint32_t pal_engine_tick(pal_engine *engine, const pal_tool_state in[], pal_tool_force out[]) {
