@@ -453,32 +453,23 @@ static void plot(const char *last) {
     if (g == NULL) {
         return;
     }
-    (void)fprintf(g, "set datafile separator ','\nset terminal pngcairo size 1200,900\n"
+    (void)fprintf(g, "set datafile separator ','\nset terminal pngcairo size 1300,900\n"
                      "set output 'bench/results/compress.png'\nset multiplot layout 2,2\n"
-                     "set logscale xy\nset grid\nset key top left font ',9'\n");
+                     "set logscale xy\nset grid\nset key font ',9'\n");
     static const char *const axis[] = {"field with 45 nodes touched [us, one core]",
                                        "stored rows [MB]"};
     static const char *const value[] = {"8", "($6/1e6)"};
     for (int p = 0; p < 4; p++) {
-        (void)fprintf(g, "set xlabel '%s'\nset ylabel '%s'\nset title '%s'\n%splot",
+        (void)fprintf(g, "set xlabel '%s'\nset ylabel '%s'\nset title '%s'\nset key %s\n%splot",
                       p < 2 ? "stored nodes" : "worst error of a contact, max |du| / max |u|",
-                      axis[p % 2], p < 2 ? "all bodies" : last,
-                      p < 2 ? ""
-                            : "set key off\nset format x '10^{%T}'\nset offsets graph 0.1, graph "
-                              "0.1, graph 0.1, graph 0.05\n");
+                      axis[p % 2], p < 2 ? "all bodies" : last, p % 2 ? "on outside right" : "off",
+                      p < 2 ? "" : "set format x '10^{%T}'\nset xrange [1e-7:1e-1]\n");
         for (int f = 0; f < FORMS; f++) {
-            (void)fprintf(
-                g,
-                "%s '< grep \"^%s.*,%s,\" bench/results/compress.csv' using %s:%s title '%s' pt %d "
-                "ps 1.5",
-                f > 0 ? "," : "", p < 2 ? "" : last, forms[f].name, p < 2 ? "2" : "7", value[p % 2],
-                forms[f].name, 4 + f);
-            if (p >= 2) {
-                (void)fprintf(g,
-                              ", '< grep \"^%s.*,%s,\" bench/results/compress.csv' using 7:%s:4 "
-                              "with labels offset 0,0.8 font ',9' notitle",
-                              last, forms[f].name, value[p % 2]);
-            }
+            (void)fprintf(g,
+                          "%s '< grep \"^%s,[^,]*,[^,]*,%s,\" bench/results/compress.csv' using "
+                          "%s:%s title '%s' pt %d lc %d ps 1.5",
+                          f > 0 ? "," : "", p < 2 ? "[^,]*" : last, forms[f].name,
+                          p < 2 ? "2" : "7", value[p % 2], forms[f].name, 4 + f, 1 + f);
         }
         (void)fprintf(g, p == 0 ? ", 300 title '300 us' dt 2\n" : "\n");
     }
