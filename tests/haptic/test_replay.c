@@ -216,6 +216,41 @@ static void a_doctored_record_is_found(void **state) {
     assert_true(r.peak_difference > 0.0 && r.rms_difference > 0.0);
 }
 
+/// Every output counts, and its difference is named.
+static void every_output_is_compared(void **state) {
+    (void)state;
+    static const struct {
+        const char *dataset, *what;
+        int width;
+    } outputs[] = {{"/ticks/torque", "torque", 3},     {"/ticks/contacts", "contacts", 1},
+                   {"/ticks/tool_fault", "fault", 1},  {"/ticks/depth", "depth", 1},
+                   {"/ticks/centroid", "centroid", 3}, {"/ticks/normal", "normal", 3}};
+    pal_session_report s;
+    pal_replay_report r;
+    for (size_t k = 0; k < sizeof outputs / sizeof *outputs; k++) {
+        record(0.1, 1, 1e-3, &(faulty){0}, &s);
+        int whole =
+            strcmp(outputs[k].what, "contacts") == 0 || strcmp(outputs[k].what, "fault") == 0;
+        const int32_t number = 1 << 20;
+        const double value = 12345.0;
+        doctor(outputs[k].dataset, 2 * 60, outputs[k].width, 0,
+               whole ? H5T_NATIVE_INT32 : H5T_NATIVE_DOUBLE,
+               whole ? (const void *)&number : (const void *)&value);
+        replay(model, &r);
+        assert_int_equal(r.differences, 1);
+        assert_int_equal(r.first.tick, 60);
+        assert_string_equal(r.first.what, outputs[k].what);
+        assert_int_equal(r.holes, 0);
+    }
+    // ticks that were lost on the way to the disk
+    const uint64_t later = 106;
+    record(0.1, 1, 1e-3, &(faulty){0}, &s);
+    doctor("/ticks/tick", 2 * 99, 1, 0, H5T_NATIVE_UINT64, &later);
+    doctor("/ticks/tick", 2 * 99 + 1, 1, 0, H5T_NATIVE_UINT64, &later);
+    replay(model, &r);
+    assert_int_equal(r.holes, 1);
+}
+
 static void nonsense_is_refused(void **state) {
     (void)state;
     pal_session_report s;
@@ -269,6 +304,7 @@ int main(void) {
         cmocka_unit_test(freewheel_has_no_difference),
         cmocka_unit_test(real_time_with_missed_periods_has_no_difference),
         cmocka_unit_test(a_doctored_record_is_found),
+        cmocka_unit_test(every_output_is_compared),
         cmocka_unit_test(nonsense_is_refused),
         cmocka_unit_test(another_model_feels_otherwise),
     };

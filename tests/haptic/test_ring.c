@@ -5,8 +5,10 @@
 #include <stdint.h>
 #include <pthread.h>
 #include <sched.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/time.h>
 
 #include <cmocka.h>
 
@@ -99,6 +101,41 @@ static void a_reader_sees_no_torn_record(void **state) {
     no_torn_record(16);
 }
 
+static pal_ring *interrupted;
+static volatile sig_atomic_t pushes;
+
+static void push_one(int number) {
+    (void)number;
+    pal_tick_record r = numbered((uint64_t)++pushes);
+    pal_ring_push(interrupted, &r);
+}
+
+/// The writer comes in the middle of a copy, whatever the machine is doing: a signal handler of the
+/// reading thread.
+static void a_copy_interrupted_by_the_writer_is_left_out(void **state) {
+    (void)state;
+    enum { PUSHES = 4000, COPIES = 20000000 }; // the latter where a sanitizer holds signals back
+    pal_ring ring = {0};
+    assert_int_equal(pal_ring_init(&ring, 1), PALPATE_OK);
+    interrupted = &ring;
+    struct sigaction action = {.sa_handler = push_one, .sa_flags = SA_RESTART}, before;
+    const struct itimerval often = {{0, 50}, {0, 50}}, never = {{0, 0}, {0, 0}};
+    assert_int_equal(sigaction(SIGALRM, &action, &before), 0);
+    assert_int_equal(setitimer(ITIMER_REAL, &often, NULL), 0);
+    int torn = 0, left_out = 0;
+    for (int k = 0; k < COPIES && pushes < PUSHES; k++) {
+        pal_tick_record out;
+        int32_t n = pal_ring_copy(&ring, &out, 1);
+        torn += n == 1 && !whole(&out);
+        left_out += n == 0;
+    }
+    assert_int_equal(setitimer(ITIMER_REAL, &never, NULL), 0);
+    assert_int_equal(sigaction(SIGALRM, &before, NULL), 0);
+    print_message("  %d pushes, %d copies left out\n", (int)pushes, left_out);
+    assert_int_equal(torn, 0);
+    pal_ring_clear(&ring);
+}
+
 static void the_queue_is_full_when_it_is_full(void **state) {
     (void)state;
     pal_queue q = {0};
@@ -161,6 +198,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_ring_keeps_the_newest_in_order),
         cmocka_unit_test(a_reader_sees_no_torn_record),
+        cmocka_unit_test(a_copy_interrupted_by_the_writer_is_left_out),
         cmocka_unit_test(the_queue_is_full_when_it_is_full),
         cmocka_unit_test(the_queue_loses_nothing_between_threads),
     };

@@ -200,6 +200,20 @@ static void overrun_of_1_10_100_1000_periods(void **state) {
     expect_latched();
 }
 
+/// Speed is judged over the time that passed, missed periods included: what a hand did meanwhile is
+/// no jump, and what no hand could do still is.
+static void motion_over_missed_periods_is_no_jump(void **state) {
+    (void)state;
+    for (int i = 0; i < 8; i++) { // to and fro at 10 m/s: half of what is a jump
+        missed(9);
+        state_in.position[2] += i % 2 == 0 ? 0.1 : -0.1;
+        assert_int_equal(tick(), 0);
+    }
+    missed(9);
+    state_in.position[2] += 0.3; // 30 m/s
+    assert_int_equal(tick(), PALPATE_FAULT_JUMP);
+}
+
 /// PALPATE_STATE_UNLATCH lets go what is latched, as long as its cause is over; from zero.
 static void a_latch_is_let_go_on_order_only(void **state) {
     (void)state;
@@ -344,6 +358,7 @@ int main(void) {
         CASE(nonsense_is_stale_too),
         CASE(teleport_starts_from_zero_and_twice_latches),
         CASE(overrun_of_1_10_100_1000_periods),
+        CASE(motion_over_missed_periods_is_no_jump),
         CASE(a_latch_is_let_go_on_order_only),
         CASE(no_number_starts_from_zero_and_twice_latches),
         CASE(onsets_are_listed),
