@@ -3,7 +3,7 @@
 # scene is built, bytes that are not UTF-8, closed and full standard streams. Each message must name
 # the place and the remedy; exit status 2 is wrong usage, 1 failure, 0 only success.
 set -u
-work=$(mktemp -d); trap 'rm -rf "$work"' EXIT
+. "$PALPATE_SOURCE/tests/support/shell.sh"
 cd "$work" || exit 1
 mkdir "a b"
 cat >"a b/scene.yaml" <<'EOS'
@@ -23,11 +23,6 @@ tools:
     friction: 0.4
 EOS
 scene="a b/scene.yaml"
-n=0; bad=0
-check() { # check NAME STATUS
-	n=$((n + 1))
-	if [ "$2" -eq 0 ]; then echo "ok $n - $1"; else echo "not ok $n - $1"; head -c 2000 log | sed 's/^/# /'; bad=1; fi
-}
 # says STATUS TEXT ARGUMENTS...: the program ends with STATUS, TEXT is on stderr, stdout is empty
 says() {
 	want=$1 text=$2; shift 2
@@ -175,5 +170,4 @@ check "a run without standard streams writes nothing but its recording into it" 
 # more than a pipe holds, so that the program must meet the closed end
 "$PALPATE" schema 2>log | head -n 1 >out; [ "$(wc -l <out)" -eq 1 ] && [ ! -s log ]
 check "palpate schema | head -n 1: no complaint" $?
-echo "1..$n"
-exit $bad
+finish

@@ -3,7 +3,7 @@
 # up costs the file and not the report, an interrupt leaves whole files or none, nothing is overwritten
 # that was read. A folder that cannot be written and a small disk need a mount: without it, skipped.
 set -u
-work=$(mktemp -d)
+. "$PALPATE_SOURCE/tests/support/shell.sh"
 trap 'umount "$work/small" "$work/fixed" 2>/dev/null; rm -rf "$work"' EXIT
 cd "$work" || exit 1
 cat >scene.yaml <<'EOS'
@@ -20,11 +20,6 @@ tools:
     start: [0, 0, 0.006]
     axis: [0, 0, -1]
 EOS
-n=0; bad=0
-check() { # check NAME STATUS
-	n=$((n + 1))
-	if [ "$2" -eq 0 ]; then echo "ok $n - $1"; else echo "not ok $n - $1"; sed 's/^/# /' log; bad=1; fi
-}
 # refused TEXT ARGUMENTS...: status 1, TEXT is said, and that before a model is built: the cache stays empty
 refused() {
 	text=$1; shift
@@ -161,5 +156,4 @@ for s in "TERM 143" "INT 130"; do
 done
 "$PALPATE" replay i.h5 >log 2>&1 && grep -q "differences: 0 of" log
 check "and the recording replays" $?
-echo "1..$n"
-exit $bad
+finish
