@@ -364,5 +364,5 @@ int command_view(int argc, char **argv) {
             (unsigned long long)r.ticks, (unsigned long long)r.missed, (unsigned long long)v.frames,
             r.peak_force);
     }
-    return 0;
+    return interrupt_signal() != 0 ? 128 + interrupt_signal() : 0;
 }

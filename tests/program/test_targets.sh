@@ -156,4 +156,16 @@ for s in "TERM 143" "INT 130"; do
 done
 "$PALPATE" replay i.h5 >log 2>&1 && grep -q "differences: 0 of" log
 check "and the recording replays" $?
+if command -v xvfb-run >/dev/null 2>&1; then
+	cat >view.sh <<'EOS'
+"$PALPATE" view m.palpate --json >out 2>log &
+pid=$!
+sleep 3; kill -s INT "$pid"; wait "$pid"; echo $? >status
+EOS
+	xvfb-run -a sh view.sh
+	[ "$(cat status)" -eq 130 ] && grep -q '"frames"' out
+	check "SIGINT: view closes its window, reports, status 130" $?
+else
+	n=$((n + 1)); echo "ok $n - view # SKIP no xvfb-run"
+fi
 finish
