@@ -419,11 +419,34 @@ static void a_stalled_render_thread_stalls_nothing_else(void **state) {
     }
 }
 
-/// On demand the ring is dumped at once, while the session goes on.
+static void put_file(const char *path) {
+    FILE *f = fopen(path, "w");
+    assert_non_null(f);
+    assert_true(fputs("another's", f) >= 0);
+    assert_int_equal(fclose(f), 0);
+}
+
+static void expect_untouched(const char *path) {
+    char text[16] = "";
+    FILE *f = fopen(path, "r");
+    assert_non_null(f);
+    assert_non_null(fgets(text, sizeof text, f));
+    assert_int_equal(fclose(f), 0);
+    assert_string_equal(text, "another's");
+    assert_int_equal(unlink(path), 0);
+}
+
+/// On demand the ring is dumped at once, while the session goes on; files that are there stay, a
+/// finished recording as well as what a killed run left.
 static void the_ring_is_dumped_on_demand(void **state) {
     (void)state;
     liar d = {.what = HONEST};
     pal_session *session = open_session(&d, 0, 0.0);
+    char left[sizeof folder + 32], first[sizeof folder + 32];
+    (void)snprintf(left, sizeof left, "%s/dump-2.h5.ticks", folder);
+    (void)snprintf(first, sizeof first, "%s/dump-3.h5", folder);
+    put_file(dump_path);
+    put_file(left);
     assert_int_equal(pal_session_start(session, NULL), PALPATE_OK);
     pal_session_report r = {0};
     const struct timespec t = {.tv_nsec = 10 * MS};
@@ -443,9 +466,11 @@ static void the_ring_is_dumped_on_demand(void **state) {
     pal_session_request_stop(session);
     r = finish(session);
     assert_true(r.dumps >= 2 && r.dumps_lost == 0);
-    assert_true(access(dump_path, F_OK) == 0 && strstr(r.dump_path, "/dump-") != NULL);
+    assert_true(strstr(r.dump_path, "/dump-") != NULL);
+    expect_untouched(dump_path);
+    expect_untouched(left);
     uint64_t start;
-    (void)check_recording(dump_path, 0, &start);
+    (void)check_recording(first, 0, &start);
     // where nothing can be written the run goes on, and says so
     liar f = {.what = NOT_A_NUMBER, .length = 60};
     char kept[sizeof dump_path];
