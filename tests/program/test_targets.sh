@@ -158,7 +158,7 @@ done
 check "and the recording replays" $?
 if command -v xvfb-run >/dev/null 2>&1; then
 	cat >view.sh <<'EOS'
-"$PALPATE" view m.palpate --json >out 2>log &
+"$PALPATE" view m.palpate --for 60 --json >out 2>log &
 pid=$!
 sleep 3; kill -s INT "$pid"; wait "$pid"; echo $? >status
 EOS
