@@ -61,8 +61,7 @@ enum {
     X(PALPATE_FAULT_LATCHED, 11, "watchdog is latched: force is zero until it is let go")          \
     X(PALPATE_FAULT_RAMP, 12, "force is ramping up after a fault")                                 \
     X(PALPATE_FAULT_UNFELT, 13,                                                                    \
-      "tool is inside the body and feels nothing: it began there, or no surface it may touch is "  \
-      "near")
+      "inside the body the tool feels nothing: it began there, or no surface to touch is near")
 
 enum {
 #define PALPATE_FAULT_ENUM(name, bit, text) name = 1u << (bit),
