@@ -378,8 +378,10 @@ VALGRIND_TESTS ?= output watchdog pose ring pace quantiles hash trajectory statu
                   press model near_field contact
 .PHONY: memcheck
 memcheck: build-tests ## the small tests under valgrind
-	@printf '%s\n' $(VALGRIND_TESTS) | xargs -P$(JOBS) -I{} sh -c 'echo "  VALGRIND test_{}"; valgrind -q --leak-check=full \
-		--errors-for-leak-kinds=definite --error-exitcode=9 $(BUILD)/tests/haptic/test_{}'
+	@mkdir -p $(BUILD)/memcheck
+	@printf '%s\n' $(VALGRIND_TESTS) | xargs -P$(JOBS) -I{} sh -c 'valgrind -q --leak-check=full \
+		--errors-for-leak-kinds=definite --error-exitcode=9 $(BUILD)/tests/haptic/test_{} >$(BUILD)/memcheck/{}.log 2>&1 && \
+		echo "  VALGRIND test_{}" || { cat $(BUILD)/memcheck/{}.log; echo "test_{} FAILED under valgrind"; exit 1; }'
 
 coverage: ## line coverage of the libraries by the tests
 	@TEST_TIMEOUT=$(SLOW_TIMEOUT) $(MAKE) --no-print-directory -j$(JOBS) run-tests VARIANT=coverage OPT=-g BUILD=$(BUILD)/coverage
