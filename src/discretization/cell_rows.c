@@ -53,6 +53,7 @@ pal_status pal_rows_number(const pal_cloud *cloud, const uint8_t *fixed, pal_sys
     }
     for (int64_t j = 0; j < b->columns; j++) {
         int64_t at = b->start[j];
+        // NOLINTNEXTLINE(*.UndefinedBinaryOperatorResult): columns are 3 n, all set above
         if (system->dof_unknown[j] >= 0) {
             b->row[at] = system->dof_unknown[j];
             b->value[at++] = 1;

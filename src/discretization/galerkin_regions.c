@@ -341,8 +341,8 @@ pal_status pal_blocks_create(pal_blocks *out, const pal_regions *regions, const 
         }
         out->start[node_count] = total;
         if (pass == 0) {
-            out->column = malloc((size_t)total * sizeof *out->column);
-            out->value = calloc(9 * (size_t)total, sizeof *out->value);
+            out->column = malloc(((size_t)total + 1) * sizeof *out->column);
+            out->value = calloc(9 * (size_t)total + 1, sizeof *out->value);
             ok = out->column != NULL && out->value != NULL;
         }
     }

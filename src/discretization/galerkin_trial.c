@@ -151,6 +151,7 @@ static pal_status cover_points(work *w, double reach, pal_error *error) {
     if (w->value.start == NULL || w->cursor == NULL || w->found == NULL || w->distance2 == NULL) {
         return PALPATE_ERROR_MEMORY;
     }
+    // NOLINTNEXTLINE(clang-analyzer-unix.Malloc): the caller clears all that w holds
     pal_status status = pal_neighbours_create(&w->tree, w->point, n, error);
     if (status != PALPATE_OK) {
         return status;
@@ -392,11 +393,11 @@ static pal_status replace_lists(const work *w, pal_regions *pairs) {
         goto done;
     }
     widen_pairs(w, pairs, parts, 0, seen, list, sum, &out);
-    size_t total = (size_t)out.start[pairs->count];
-    out.node = malloc(total * sizeof *out.node);
-    out.gradient = malloc(3 * total * sizeof *out.gradient);
-    out.region = malloc(total * sizeof *out.region);
-    out.local = malloc(total * sizeof *out.local);
+    size_t total = (size_t)out.start[pairs->count], room = total + 1; // malloc(0) may be NULL
+    out.node = malloc(room * sizeof *out.node);
+    out.gradient = malloc(3 * room * sizeof *out.gradient);
+    out.region = malloc(room * sizeof *out.region);
+    out.local = malloc(room * sizeof *out.local);
     out.at_node = malloc((n + 1) * sizeof *out.at_node);
     if (out.node == NULL || out.gradient == NULL || out.region == NULL || out.local == NULL ||
         out.at_node == NULL) {

@@ -237,6 +237,7 @@ static void transform(const fit *f, const double *scale, const int32_t *pivot,
     }
     memset(v, 0, (size_t)f->columns * sizeof *v);
     for (int32_t i = 0; i < f->rank; i++) { // v = R^-T permuted
+        // NOLINTNEXTLINE(*.CallAndMessage): rank of them are set above
         add(f->rank - i, permuted[i], inverse + i * f->rank + i, v + i);
     }
 }

@@ -77,7 +77,9 @@ static void sum_duplicates(pal_sparse *a) {
             if (out > first && a->row[out - 1] == a->row[k]) {
                 a->value[out - 1] += a->value[k];
             } else {
+                // NOLINTNEXTLINE(*.uninitialized.Assign): the caller set every entry
                 a->row[out] = a->row[k];
+                // NOLINTNEXTLINE(*.uninitialized.Assign): the same
                 a->value[out] = a->value[k];
                 out++;
             }
@@ -128,6 +130,7 @@ pal_status pal_sparse_from_triplets(const pal_triplets *t, int64_t rows, int64_t
     count_starts(t->column, t->count, columns, out->start);
     memcpy(cursor, out->start, (size_t)columns * sizeof *cursor);
     for (int64_t i = 0; i < t->count; i++) {
+        // NOLINTNEXTLINE(*.uninitialized.Assign): a permutation, all of it set above
         int64_t k = by_row[i];
         int64_t at = cursor[t->column[k]]++;
         out->row[at] = t->row[k];

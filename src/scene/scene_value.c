@@ -174,7 +174,7 @@ static pal_status read_number(pal_reading *r, const pal_scene_key *key, const pa
 
 static pal_status read_integer(pal_reading *r, const pal_scene_key *key, const pal_value *value,
                                int32_t *out) {
-    double x;
+    double x = 0.0;
     pal_status status = read_number(r, key, value, &x);
     if (status != PALPATE_OK) {
         return status;

@@ -65,7 +65,7 @@ static pal_status solve_block(const job *w, pal_factor_workspace *ws, int64_t fi
         load_column(w, first + c, x + c * n);
     }
     pal_status status = pal_factor_solve(w->factor, ws, count, x, error);
-    for (int r = 0; status == PALPATE_OK && r < w->refine; r++) {
+    for (int r = 0; residual != NULL && status == PALPATE_OK && r < w->refine; r++) {
         for (int32_t c = 0; c < count; c++) {
             load_column(w, first + c, residual + c * n);
             pal_sparse_multiply(&w->system->matrix, -1.0, x + c * n, residual + c * n);

@@ -142,6 +142,7 @@ int pal_lu_panels_make(int32_t n, const int64_t *start, const int32_t *index, co
         failed = !p->index || !p->value;
     }
     for (int32_t q = 0; !failed && q < p->count; q++) {
+        // NOLINTNEXTLINE(*.uninitialized.Assign): the loop above set first[0 .. count]
         int32_t k = p->first[q], width = p->first[q + 1] - k;
         int32_t *to = p->index + p->index_start[q];
         int64_t length = 0;
@@ -299,7 +300,11 @@ int pal_lu_panels_make(int32_t n, const int64_t *start, const int32_t *index, co
 LU_SWEEP(base, 16, )
 #if defined(__x86_64__)
 LU_SWEEP(avx2, 32, __attribute__((target("avx2"))))
+#if defined(__clang__)
+LU_SWEEP(avx512, 64, __attribute__((target("avx512f"))))
+#else
 LU_SWEEP(avx512, 64, __attribute__((target("avx512f,prefer-vector-width=512"))))
+#endif
 #endif
 
 pal_lu_variant pal_lu_best_variant(void) {

@@ -58,6 +58,7 @@ static pal_status fill_geometry(const pal_cloud *cloud, const pal_node_sets *set
     }
     for (size_t i = 0; i < n; i++) {
         for (int d = 0; d < 3; d++) {
+            // NOLINTNEXTLINE(*.CallAndMessage): all 3 n positions are set above
             info->bounds_min[d] = fmin(info->bounds_min[d], m->position[3 * i + (size_t)d]);
             info->bounds_max[d] = fmax(info->bounds_max[d], m->position[3 * i + (size_t)d]);
         }

@@ -316,7 +316,8 @@ static pal_cluster *finish(const pal_cluster_job *job, const room *r, int32_t fi
         }
     }
     subtract(rows, n, rank, r->a, basis, coef, full, r->far);
-    double near_columns = 0, near_groups = 0, stored = (double)((rows + 31) / 32 * 32);
+    int32_t padded = (rows + 31) / 32 * 32;
+    double near_columns = 0, near_groups = 0, stored = padded;
     for (int32_t g = 0; g < job->group_count; g++) {
         for (int32_t k = 3 * job->group_start[g]; !c->near[g] && k < 3 * job->group_start[g + 1];
              k++) {
