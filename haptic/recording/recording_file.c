@@ -17,6 +17,7 @@
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
 
@@ -433,7 +434,8 @@ static pal_status open_raw(conversion *c, pal_error *error) {
     return status;
 }
 
-/// HDF5 cannot be left in peace once a write has failed, so a full disk is found before it starts.
+/// HDF5 cannot be left in peace once a write has failed (its clean-up at exit crashes), so a full
+/// disk and a limit to the size of files are found before it starts.
 static pal_status check_space(const conversion *c, const char *path, pal_error *error) {
     struct statvfs disk;
     char folder[PALPATE_RECORDING_PATH];
@@ -443,6 +445,14 @@ static pal_status check_space(const conversion *c, const char *path, pal_error *
     double need = (double)c->records * sizeof(pal_tick_record) + 65536.0;
     if (c->has_frames) { // displacement and position
         need += 2.0 * (double)c->frame_count * (double)c->frames_header.item_bytes;
+    }
+    struct rlimit limit;
+    if (getrlimit(RLIMIT_FSIZE, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY &&
+        need > (double)limit.rlim_cur) {
+        return pal_fail(error, PALPATE_ERROR_IO,
+                        "%s: its %.1f MB are more than the %.1f MB that a file may have here "
+                        "(ulimit -f); raise that, then `palpate recover %s`",
+                        path, 1e-6 * need, 1e-6 * (double)limit.rlim_cur, path);
     }
     if (statvfs(folder, &disk) != 0) {
         return PALPATE_OK; // the writing itself will tell

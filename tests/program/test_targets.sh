@@ -93,6 +93,14 @@ check "a folder where the recording's companion must go" $?
 [ $? -eq 1 ] && grep -q "l.h5.[a-z]*: cannot be written: \(File too large\|No space left\)" log &&
 	[ ! -e l.h5.ticks ] && [ ! -e l.h5.frames ]
 check "a file at its limit: the reason is the right one, nothing is left" $?
+(
+	ulimit -f 128 # enough to begin with; neither the raw files nor the recording fit
+	"$PALPATE" run m.palpate --for 2 --freewheel --no-draw --record l.h5 --json >out 2>log
+)
+[ $? -eq 1 ] && grep -q '"ticks": 2000' out && grep -q "that a file may have here" log && [ ! -e l.h5 ] &&
+	[ -z "$(ls l.h5.part* 2>/dev/null)" ] && "$PALPATE" recover l.h5 >out 2>log && [ -s l.h5 ]
+check "a limit reached during the run: the report, no crash; what there is can be recovered" $?
+rm -f l.h5* l.xdmf
 
 # ---- a disk that fills up during the run
 mkdir small fixed
