@@ -367,10 +367,12 @@ analyzer:
 docs: build-all ## reference of the C API (doxygen) and of the scene's keys, below $(BUILD)/docs
 	@sh .ci/deps.sh doxygen
 	@mkdir -p $(BUILD)/docs
-	@(echo 'PROJECT_NAME=Palpate'; echo 'PROJECT_NUMBER=$(VERSION)'; echo 'INPUT=include README.md'; \
+	@(echo 'PROJECT_NAME=Palpate'; echo 'PROJECT_NUMBER=$(VERSION)'; \
+	  echo 'INPUT=include $(CURDIR)/README.md scenes/README.md tests/README.md haptic/program/embed'; \
+	  echo 'WARN_IF_INCOMPLETE_DOC=NO'; \
 	  echo 'RECURSIVE=YES'; echo 'OUTPUT_DIRECTORY=$(BUILD)/docs'; echo 'GENERATE_LATEX=NO'; \
 	  echo 'QUIET=YES'; echo 'HAVE_DOT=NO'; echo 'EXTRACT_ALL=YES'; echo 'OPTIMIZE_OUTPUT_FOR_C=YES'; \
-	  echo 'PREDEFINED=__attribute__(x)='; echo 'USE_MDFILE_AS_MAINPAGE=README.md') | doxygen -
+	  echo 'PREDEFINED=__attribute__(x)='; echo 'USE_MDFILE_AS_MAINPAGE=$(CURDIR)/README.md') | doxygen -
 	@$(PROGRAM) schema > $(BUILD)/docs/scene-keys.txt
 	@echo "$(BUILD)/docs/html/index.html $(BUILD)/docs/scene-keys.txt"
 

@@ -246,8 +246,9 @@ static void plot(const char *folder) {
     fprintf(
         g,
         "set datafile separator ','\nset terminal pngcairo size 1500,520 font 'DejaVu Sans,10'\n"
-        "set output '%s/accuracy.png'\nset multiplot layout 1,3\nset logscale xy\nset grid\n"
-        "set ylabel 'error of the force: the larger of axial and lateral'\nset format y "
+        "set output '%s/accuracy.png'\nset multiplot layout 1,3 title 'Hemisphere, bonded "
+        "cap pushed: Palpate against converged finite elements'\nset logscale xy\nset grid\n"
+        "set ylabel 'relative error of the force, the larger of axial and lateral'\nset format y "
         "'%%.1g'\nset yrange [1e-3:3]\n",
         folder);
     static const struct {

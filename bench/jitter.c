@@ -237,7 +237,7 @@ static void plot(distribution total[CONDITIONS][SIDES]) {
     (void)fprintf(g, "set datafile separator ','\nset terminal pngcairo size 900,560\n"
                      "set output 'bench/results/jitter.png'\nset logscale xy\nset grid\n"
                      "set xlabel 'lateness [us]'\nset ylabel 'share of ticks at least as late'\n"
-                     "set format y '10^{%%L}'\n"
+                     "set format y '10^{%%L}'\nset rmargin 6\n"
                      "plot for [c=2:5] 'bench/results/jitter_histogram.csv' using "
                      "($1+1):(column(c)>0?column(c):1/0) "
                      "with steps lw 2 title word('idle:servo idle:cyclictest loaded:servo "

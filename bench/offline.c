@@ -298,9 +298,11 @@ static void plot(void) {
         return;
     }
     (void)fprintf(
-        g, "set datafile separator ','\nset terminal pngcairo size 1600,900\n"
+        g, "set datafile separator ','\nset terminal pngcairo size 1600,900 font 'DejaVu Sans,10'\n"
            "set output 'bench/results/offline.png'\nset multiplot layout 1,3\nset logscale xy\n"
-           "set grid\nset key below vertical maxrows 5\nset xlabel 'nodes'\n");
+           "set grid\nset xlabel 'nodes'\nset format x '%%g'\nset format y '%%g'\n"
+           "set lmargin 9\nset rmargin 3\nset bmargin 12\nset tmargin 1\n"
+           "set key bmargin center vertical maxrows 5 samplen 2 width -1 font ',9'\n");
     static const char *const what[3] = {"seconds per stage", "MB", "CPU ms per column, one thread"};
     static const char *const columns[3][5] = {
         {"5:cloud", "6:assemble", "7:factor", "8:solve", "10:total"},

@@ -2,8 +2,8 @@
 /// records.
 ///
 /// The file's seal is verified before HDF5 sees it, and nothing in it is trusted: types, ranks and
-/// dimensions are checked by h5_read.c, the definition by pal_engine_create, tool indices here. Rows are
-/// read in pieces, so a file's claim about its length allocates nothing.
+/// dimensions are checked by h5_read.c, the definition by pal_engine_create, tool indices here.
+/// Rows are read in pieces, so a file's claim about its length allocates nothing.
 #include "haptic/recording/replay_read.h"
 
 #include <math.h>

@@ -78,7 +78,7 @@ typedef struct pal_tool_force {
     double depth;   ///< deepest overlap of the tool with the rest surface [m]; 0 without contact
     double centroid[3]; ///< force-weighted contact centroid, body frame [m]
     double normal[3];   ///< outward, against what the force without friction pushes, body frame,
-                      ///< unit; 0 without contact
+                        ///< unit; 0 without contact
 } pal_tool_force;
 
 /// Definition of an engine; make it with pal_engine_default_def() (a cookie is checked).

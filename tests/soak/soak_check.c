@@ -113,7 +113,8 @@ void soak_check_tick(soak_episode *e, int64_t n, const pal_tool_force out[]) {
     for (int t = 0; t < e->effective.tool_count; t++) {
         const pal_tool_force *f = &out[t];
         free_of_it &= f->contact_count == 0 && f->depth == 0.0 && norm(f->force) == 0.0;
-        ordinary &= (f->fault & ~PALPATE_FAULT_UNFELT) == 0 && !e->bad[t] && e->in[t].buttons == 0 && e->in[t].flags == 0;
+        ordinary &= (f->fault & ~PALPATE_FAULT_UNFELT) == 0 && !e->bad[t] &&
+                    e->in[t].buttons == 0 && e->in[t].flags == 0;
         if (ordinary && g->begun) {
             w += work(&e->track[t], &e->in[t], f);
             double df[3], dx[3];
