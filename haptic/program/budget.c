@@ -1,17 +1,17 @@
 /// @file budget.c  From a budget to settings: measure, predict, pick, build, check.
 ///
 /// Two pilot models per method, with all spacings 2 and 1.26 times the scene's (1.26 and 0.8 in
-/// thin bodies), are built and ticked by the scene's own tool. Counts (nodes, columns, rows,
-/// touched nodes) and the estimated error are power laws y = a f^b of the spacing factor f through
-/// both pilots; beyond the finer one b is the mean of what the pilots say and what a uniform cloud
-/// would have (3 for nodes, 2 for surface nodes), as graded clouds lie between. The force stage's
-/// p99 against touched nodes is measured on the finer pilot with tools of growing radius, the field
-/// follows from its bytes and this machine's measured seconds per byte (haptic/engine/cost.h),
-/// offline seconds go with nodes^1.8 (bench/offline). Candidates: method x spacing factor x stored
-/// rows x precision x who computes the field. What the pick is the best of: BUDGET_RULE in
-/// budget.h; errors below half a per cent count as equal, as a hand tells forces apart from several
-/// per cent on. The model is built and measured; what it misses corrects the prediction of its kind
-/// and the next pick is tried.
+/// thin bodies, and where the coarser has not fewer nodes: see LEVEL), are built and ticked by the
+/// scene's own tool. Counts (nodes, columns, rows, touched nodes) and the estimated error are power
+/// laws y = a f^b of the spacing factor f through both pilots; beyond the finer one b is the mean
+/// of what the pilots say and what a uniform cloud would have (3 for nodes, 2 for surface nodes),
+/// as graded clouds lie between. The force stage's p99 against touched nodes is measured on the
+/// finer pilot with tools of growing radius, the field follows from its bytes and this machine's
+/// measured seconds per byte (haptic/engine/cost.h), offline seconds go with nodes^1.8
+/// (bench/offline). Candidates: method x spacing factor x stored rows x precision x who computes
+/// the field. What the pick is the best of: BUDGET_RULE in budget.h; errors below half a per cent
+/// count as equal, as a hand tells forces apart from several per cent on. The model is built and
+/// measured; what it misses corrects the prediction of its kind and the next pick is tried.
 #include "haptic/program/budget.h"
 
 #include <math.h>
@@ -45,6 +45,9 @@ static const char *const by_name[BYS] = {"servo", "render"};
 /// Where a body is too thin for twice its spacing, pilots are finer.
 enum { PILOT_SETS = 2 };
 static const double pilot_factors[PILOT_SETS][PILOTS] = {{2.0, 1.26}, {1.26, 0.8}};
+/// A surface too curved for twice its spacing is meshed finer than asked: a coarse pilot with more
+/// than this share of the finer one's nodes (uniform clouds: 0.25 to 0.4) has no slope to tell.
+static const double LEVEL = 0.8;
 static const double TOLERANCE = 1e-3;
 /// What a search may build: beyond this, ask by hand.
 static const double NODES_MAX = 40000.0, SECONDS_MAX = 120.0;
@@ -222,6 +225,11 @@ static pal_status measure_pilot(search *s, int method, int k, pal_error *error) 
     }
     source_close(&p);
     return status;
+}
+
+static pal_status measure_pilots(search *s, int method, pal_error *error) {
+    pal_status status = measure_pilot(s, method, 0, error);
+    return status == PALPATE_OK ? measure_pilot(s, method, 1, error) : status;
 }
 
 /// y at factor f: the power law through both pilots, beyond them with the mean of its exponent and
@@ -553,12 +561,17 @@ static pal_status calibrate(search *s, pal_error *error) {
     s->pilot_factor = pilot_factors[0];
     for (int m = 0; m < METHODS && status == PALPATE_OK; m++) {
         pal_error why = {0};
-        pal_status made = measure_pilot(s, m, 0, &why);
-        if (made != PALPATE_OK && made != PALPATE_ERROR_CANCELLED && m == 0) {
+        pal_status made = measure_pilots(s, m, &why);
+        int level = made == PALPATE_OK && s->pilots[m][0].nodes > LEVEL * s->pilots[m][1].nodes;
+        if (m == 0 && made != PALPATE_ERROR_CANCELLED && (made != PALPATE_OK || level)) {
+            if (level) {
+                say(s,
+                    "pilot: this surface is not coarser at %.2f times its spacings; finer pilots\n",
+                    s->pilot_factor[0]);
+            }
             s->pilot_factor = pilot_factors[1];
-            made = measure_pilot(s, m, 0, &why);
+            made = measure_pilots(s, m, &why);
         }
-        made = made == PALPATE_OK ? measure_pilot(s, m, 1, &why) : made;
         s->has[m] = made == PALPATE_OK;
         s->correct_error[m] = s->correct_tick[m][0] = s->correct_tick[m][1] = 1.0;
         (void)snprintf(s->why_not[m], sizeof s->why_not[m], "%.500s", why.message);

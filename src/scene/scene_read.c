@@ -58,7 +58,8 @@ static pal_status fail_unknown(pal_reading *r, int row, const pal_value *key) {
         const char *dot = strrchr(keys[i].path, '.');
         const char *name = dot != NULL ? dot + 1 : keys[i].path;
         if (name[0] != 0 && strcmp(name, key->text) == 0) {
-            (void)snprintf(remedy, sizeof remedy, "did you mean %.100s?", keys[i].path);
+            (void)snprintf(remedy, sizeof remedy, "did you mean %.100s%s?", keys[i].path,
+                           dot == NULL ? " at the top level" : "");
         }
     }
     const char *shown = key->text[0] != 0 ? key->text : "\"\"";

@@ -160,6 +160,55 @@ static void what_nothing_meets_is_refused(void **state) {
     }
 }
 
+/// A star of 86 corners, whose arms twice the spacing cannot follow: the file's own triangles stay.
+static void write_star(const char *path) {
+    enum { RINGS = 7, AROUND = 12 };
+    FILE *f = fopen(path, "w");
+    assert_non_null(f);
+    (void)fprintf(f, "v 0 0 0.03\nv 0 0 -0.03\n");
+    for (int i = 0; i < RINGS; i++) {
+        for (int j = 0; j < AROUND; j++) {
+            double t = acos(-1.0) * (i + 1) / (RINGS + 1), p = acos(-1.0) * 2.0 * j / AROUND;
+            double r = 0.03 * (1.0 + 0.3 * sin(t) * sin(t) * cos(4.0 * p));
+            (void)fprintf(f, "v %.6g %.6g %.6g\n", r * sin(t) * cos(p), r * sin(t) * sin(p),
+                          r * cos(t));
+        }
+    }
+    for (int j = 0; j < AROUND; j++) {
+        int a = 3 + j, b = 3 + (j + 1) % AROUND, last = (RINGS - 1) * AROUND;
+        (void)fprintf(f, "f 1 %d %d\nf 2 %d %d\n", a, b, b + last, a + last);
+        for (int i = 0; i + 1 < RINGS; i++, a += AROUND, b += AROUND) {
+            (void)fprintf(f, "f %d %d %d\nf %d %d %d\n", a, a + AROUND, b + AROUND, a, b + AROUND,
+                          b);
+        }
+    }
+    assert_int_equal(fclose(f), 0);
+}
+
+static void pilots_that_are_no_coarser_are_replaced_by_finer_ones(void **state) {
+    (void)state;
+    char star[160];
+    (void)snprintf(star, sizeof star, "%s.obj", plain);
+    write_star(star);
+    program_result r = run("precompute %s --budget 1MB --json --quiet --set body.spacing=0.016 "
+                           "--set 'body.geometry={file: %s, scale: 1}' "
+                           "--set 'body.fixed=[{below: {z: -0.01}}]' "
+                           "--set 'body.touchable=[{above: {z: 0.01}}]' "
+                           "--set 'tools.probe.start=[0, 0, 0.04]' -o %s",
+                           plain, star, model);
+    assert_int_equal(r.status, 0);
+    json_t *pilots = json_object_get(json_object_get(r.json, "budget"), "pilots");
+    assert_true(json_array_size(pilots) >= 2);
+    // at 2 and 1.26 times its spacing the star has its own 86 corners and as many nodes within
+    double coarse = program_number(json_array_get(pilots, 0), "nodes");
+    double fine = program_number(json_array_get(pilots, 1), "nodes");
+    assert_true(program_number(json_array_get(pilots, 0), "spacing_factor") == 1.26);
+    assert_true(program_number(json_array_get(pilots, 1), "spacing_factor") == 0.8);
+    assert_true(coarse < 0.8 * fine);
+    program_clear(&r);
+    (void)unlink(star);
+}
+
 static void the_field_is_predicted_from_measured_bytes(void **state) {
     (void)state;
     pal_cost_machine machine;
@@ -198,6 +247,7 @@ int main(void) {
         cmocka_unit_test(an_error_is_met_by_the_models_own_estimate),
         cmocka_unit_test(a_time_budget_of_no_concern_is_met_and_said),
         cmocka_unit_test(what_nothing_meets_is_refused),
+        cmocka_unit_test(pilots_that_are_no_coarser_are_replaced_by_finer_ones),
         cmocka_unit_test(the_field_is_predicted_from_measured_bytes),
         cmocka_unit_test(ticks_are_counted_with_contact_only),
     };

@@ -64,6 +64,8 @@ static const bad CASES[] = {
     {4, "  spaceing: 0.007", "4:3: body.spaceing: found an unknown key", "did you mean spacing?"},
     {4, "  young: 0.007", "4:3: body.young: found an unknown key",
      "did you mean body.material.young?"},
+    {4, "  store: {displacement: none}", "4:3: body.store: found an unknown key",
+     "did you mean store at the top level?"},
     {4, "  xyzzy: 0.007",
      "4:3: body.xyzzy: found an unknown key; allowed: geometry, spacing, grading", "remove it"},
     {9, "methods: {kind: cell}", "9:1: methods: found an unknown key", "did you mean method?"},
