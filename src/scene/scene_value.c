@@ -367,9 +367,10 @@ static pal_status read_path(pal_reading *r, const pal_scene_key *key, const pal_
         return pal_reading_memory(r);
     }
     const char *path = real != NULL ? real : joined;
-    int fits = strlen(path) < 1024;
+    size_t size = strlen(path) + 1;
+    int fits = size <= 1024;
     if (fits) {
-        (void)snprintf(out, 1024, "%s", path);
+        memcpy(out, path, size);
     }
     free(real);
     if (!fits) {

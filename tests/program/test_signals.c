@@ -113,7 +113,7 @@ static int end(child *c) {
 
 /// Nothing of the program lives on: not the mesher either.
 static void expect_no_orphans(void) {
-    for (int i = 0; i < 500; i++) {
+    for (int i = 0; i < 6000; i++) { // a minute: only a failure waits that long
         if (waitpid(-1, NULL, WNOHANG) < 0) {
             assert_int_equal(errno, ECHILD);
             return;
@@ -236,7 +236,7 @@ static void start_run(child *c) {
     const char *const argv[] = {"palpate",   "run",      model_path,  "--for",         "3600",
                                 "--no-draw", "--record", record_path, "--no-realtime", NULL};
     start(c, argv);
-    for (int i = 0; i < 600; i++) { // records beyond the header are on disk
+    for (int i = 0; i < 6000; i++) { // records beyond the header are on disk; minutes when starved
         char name[160];
         struct stat st;
         (void)snprintf(name, sizeof name, "%s.ticks", record_path);
