@@ -42,6 +42,10 @@ uint64_t h5_take(const uint8_t **data, size_t *size, size_t bytes) {
     return x;
 }
 
+/// Most elements a dataset in chunks may have to be written: reshape makes each a chunk of its own,
+/// of which HDF5 keeps hundreds of bytes in memory.
+enum { CHUNKS_MAX = 1 << 12 };
+
 static void write_values(hid_t file, const char *name, uint32_t argument, uint64_t value) {
     hid_t dataset = H5Dopen2(file, name, H5P_DEFAULT);
     if (dataset < 0) {
@@ -49,7 +53,12 @@ static void write_values(hid_t file, const char *name, uint32_t argument, uint64
     }
     hid_t type = H5Dget_type(dataset), space = H5Dget_space(dataset);
     size_t element = H5Tget_size(type);
+    hid_t creation = H5Dget_create_plist(dataset);
     hssize_t count = H5Sget_simple_extent_npoints(space);
+    if (H5Pget_layout(creation) == H5D_CHUNKED && count > CHUNKS_MAX) {
+        count = 0;
+    }
+    H5Pclose(creation);
     if (count > 0 && element > 0 && (size_t)count < ((size_t)1 << 22) / element) {
         uint8_t *bytes = calloc((size_t)count, element);
         REQUIRE(bytes != NULL);
