@@ -39,6 +39,8 @@ typedef struct anywhere_station {
     // ---- of this tick
     double depth;    ///< overlap with the rest surface before coupling gives way [m]
     double give[3];  ///< of the coupling along the surface: from the free pose to the proxy [m]
+    double step[3];  ///< what give was found short of [m]
+    double pace;     ///< the part of step that give follows in a tick
     double shift[3]; ///< from the free pose to where the pattern is laid out: give, less drag [m]
 } anywhere_station;
 
