@@ -143,6 +143,10 @@ corners "$work/pressed.obj" 1 >"$work/b"
 paste -d' ' "$work/a" "$work/b" | awk '{ d = (($1-$6)^2 + ($2-$7)^2 + ($3-$8)^2)^0.5; if (d > e) e = d
 	if (d > 0.0045 || ($4-$9)^2 + ($5-$10)^2 > 1e-12) bad++ } END { exit !(NR == 3 * 1104 && !bad && e > 0.003) }'
 check "and every corner keeps its texture coordinates" $?
+sed -e '/^vt/d' -e 's|/[0-9]*||g' "$work/dome.obj" >"$work/bare.obj"
+LD_LIBRARY_PATH=$prefix/lib "$work/trainer" "$work/dressed.palpate" 0.1 "$work/bare.obj" 0.001 >"$work/out" 2>"$work/log" &&
+	[ "$(value "$work/out" vertices)" -eq 577 ]
+check "a mesh without texture coordinates will do" $?
 ! LD_LIBRARY_PATH=$prefix/lib "$work/trainer" "$work/m.palpate" 0.1 "$work/dome.obj" 0.001 >"$work/log" 2>&1 &&
 	grep -q 'skin:' "$work/log"
 check "a model made without that mesh is told from one made with it" $?

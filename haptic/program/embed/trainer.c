@@ -58,8 +58,24 @@ static int mesh_alloc(mesh *m, size_t points, size_t corners) {
     return m->rest != NULL && m->buffer != NULL && m->point != NULL && m->corner != NULL;
 }
 
-/// The host's own loader: v, vt and triangles "f v/vt[/vn] v/vt[/vn] v/vt[/vn]"; that is all this
-/// one needs.
+/// The corners of a triangle, `v`, `v/vt`, `v/vt/vn` or `v//vn` each; vt 0: without.
+static int face_read(const char *at, int v[3], int vt[3]) {
+    for (int k = 0; k < 3; k++) {
+        char *end;
+        v[k] = (int)strtol(at, &end, 10);
+        vt[k] = 0;
+        if (end == at) {
+            return 0;
+        }
+        if (end[0] == '/' && end[1] != '/') {
+            vt[k] = (int)strtol(end + 1, &end, 10);
+        }
+        at = end + strcspn(end, " \t\r\n");
+    }
+    return at[strspn(at, " \t\r\n")] == '\0'; // a fourth corner: no triangle
+}
+
+/// The host's own loader: v, vt and triangles; that is all this one needs.
 static int mesh_load(mesh *m, const char *path, double scale) {
     FILE *in = fopen(path, "r");
     char line[512];
@@ -91,11 +107,9 @@ static int mesh_load(mesh *m, const char *path, double scale) {
             ok = sscanf(line + 3, "%f %f", texture + 2 * t, texture + 2 * t + 1) == 2;
             t++;
         } else if (strncmp(line, "f ", 2) == 0) {
-            ok = sscanf(line + 2, "%d/%d%*[/0-9] %d/%d%*[/0-9] %d/%d", v, vt, v + 1, vt + 1, v + 2,
-                        vt + 2) == 6 ||
-                 sscanf(line + 2, "%d/%d %d/%d %d/%d", v, vt, v + 1, vt + 1, v + 2, vt + 2) == 6;
+            ok = face_read(line + 2, v, vt);
             for (int k = 0; ok && k < 3; k++) {
-                ok = v[k] >= 1 && (size_t)v[k] <= p && vt[k] >= 1 && (size_t)vt[k] <= t;
+                ok = v[k] >= 1 && (size_t)v[k] <= p && vt[k] >= 0 && (size_t)vt[k] <= t;
                 int entry = v[k] - 1; // the first texture coordinate takes the point's own entry
                 while (ok && used[entry] != 0 && used[entry] != vt[k]) {
                     if (next[entry] == 0) {
@@ -106,8 +120,10 @@ static int mesh_load(mesh *m, const char *path, double scale) {
                 }
                 if (ok) {
                     used[entry] = vt[k];
-                    memcpy(m->buffer[entry].texture, texture + 2 * (vt[k] - 1),
-                           sizeof m->buffer[entry].texture);
+                    if (vt[k] > 0) {
+                        memcpy(m->buffer[entry].texture, texture + 2 * (vt[k] - 1),
+                               sizeof m->buffer[entry].texture);
+                    }
                     m->corner[m->corner_count++] = entry;
                 }
             }
