@@ -152,6 +152,7 @@ pal_status soak_hand_read(soak_hand *h, int64_t time_ns, pal_tool_state *state) 
     state->time_ns = now;
     pal_status status = PALPATE_OK;
     int old = 0;
+    int first = h->stamp == 0; // nothing came before it that it could be older than
     switch (h->fault) {
     case SOAK_NOT_A_NUMBER:
         (soak_chance(&h->rng, 0.5) ? state->position : state->orientation)[soak_below(&h->rng, 3)] =
@@ -164,13 +165,15 @@ pal_status soak_hand_read(soak_hand *h, int64_t time_ns, pal_tool_state *state) 
         old = 1;
         break;
     case SOAK_FROZEN:
-        state->time_ns = h->stamp;
-        old = 1;
+        state->time_ns = first ? now : h->stamp;
+        old = !first;
         break;
     case SOAK_BACKWARDS:
-        state->time_ns = h->stamp - (now - h->stamp);
-        state->time_ns -= state->time_ns == 0; // 0 would be no stamp at all
-        old = 1;
+        if (!first) {
+            state->time_ns = h->stamp - (now - h->stamp);
+            state->time_ns -= state->time_ns == 0; // 0 would be no stamp at all
+            old = 1;
+        }
         break;
     case SOAK_TELEPORT:
         for (int i = 0; i < 3; i++) {
