@@ -85,13 +85,10 @@ pal_status pal_mls_shape(pal_mls *mls, const pal_mls_options *options, const dou
 /// that the stencil does not depend on node numbering). A deficient stencil grows by half until the
 /// basis is supported; the result is in `mls` (count, node, phi, dphi, d2phi, radius, info).
 /// @param neighbours  0: pal_basis_neighbours()
-/// @param[in,out] report  updated; may be NULL (merge threads' reports with pal_stencil_merge)
+/// @param[in,out] report  updated; may be NULL
 /// @return PALPATE_OK; _STENCIL (located; coordinates as given), _MEMORY, _ARGUMENT
 pal_status pal_mls_stencil(pal_mls *mls, const pal_neighbours *nodes,
                            const pal_mls_options *options, const double x[3], int32_t neighbours,
                            pal_stencil_report *report, pal_error *error);
-
-/// Add `from` to `into` (counts, worst condition, extremes).
-void pal_stencil_merge(pal_stencil_report *into, const pal_stencil_report *from);
 
 #endif

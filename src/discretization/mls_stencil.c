@@ -105,25 +105,3 @@ pal_status pal_mls_stencil(pal_mls *mls, const pal_neighbours *nodes,
         k = mls->count + (mls->count + 1) / 2;
     }
 }
-
-void pal_stencil_merge(pal_stencil_report *into, const pal_stencil_report *from) {
-    if (from->count == 0) {
-        return;
-    }
-    if (into->count == 0) {
-        *into = *from;
-        return;
-    }
-    into->count += from->count;
-    into->grown += from->grown;
-    if (from->worst_condition > into->worst_condition) {
-        into->worst_condition = from->worst_condition;
-        for (int a = 0; a < 3; a++) {
-            into->worst_point[a] = from->worst_point[a];
-        }
-    }
-    into->min_neighbours =
-        from->min_neighbours < into->min_neighbours ? from->min_neighbours : into->min_neighbours;
-    into->max_neighbours =
-        from->max_neighbours > into->max_neighbours ? from->max_neighbours : into->max_neighbours;
-}
