@@ -251,9 +251,27 @@ static pal_status estimate_error(pal_scene *scene, const pal_progress *progress,
                                 why.message);
 }
 
+/// The scene's warnings from number `first` on go with the model: who takes it from the cache, or
+/// from its file alone, reads them too. Whole lines, as many as there is room for.
+static void keep_warnings(const pal_scene *scene, int32_t first, pal_model_info *info) {
+    size_t used = 0;
+    for (int32_t i = first; i < scene->warning_count; i++) {
+        size_t length = strlen(scene->warning[i]);
+        if (used + length + 2 > sizeof info->warnings) {
+            continue;
+        }
+        if (used > 0) {
+            info->warnings[used++] = '\n';
+        }
+        memcpy(info->warnings + used, scene->warning[i], length + 1);
+        used += length;
+    }
+}
+
 static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_progress *progress,
                                                   pal_model **out, pal_error *error) {
     pal_model *model = NULL;
+    int32_t warned = scene->warning_count;
     *out = NULL;
     pal_status status = build_model(scene, progress, &model, error);
     if (status == PALPATE_OK && scene->estimate && scene->patch_count > 0) {
@@ -275,6 +293,7 @@ static pal_status precompute_with_one_blas_thread(pal_scene *scene, const pal_pr
             return status;
         }
     }
+    keep_warnings(scene, warned, &model->info);
     const pal_certificate *c = &model->info.certificate;
     if (!c->pass && scene->certify_warn) {
         return pal_scene_warn(scene, NULL, "the model does not pass its certificate: %s",

@@ -197,14 +197,15 @@ void source_close(source *s) {
     s->scene = NULL;
 }
 
-void source_print_warnings(const source *s, const common_options *options) {
+/// Is it one of the scene's own warnings, that is, was the model built just now?
+static int scene_warns(const source *s, const char *text) {
     int count = s->scene == NULL ? 0 : offline_open(NULL)->scene_warning_count(s->scene);
-    for (int i = 0; i < count && !options->quiet; i++) {
-        (void)fprintf(stderr, "warning: %s\n", offline_open(NULL)->scene_warning(s->scene, i));
+    for (int i = 0; i < count; i++) {
+        if (strcmp(text, offline_open(NULL)->scene_warning(s->scene, i)) == 0) {
+            return 1;
+        }
     }
-    if (!s->passed) {
-        (void)fprintf(stderr, "warning: %s\n", s->certificate_message);
-    }
+    return 0;
 }
 
 json_t *source_warnings_json(const source *s) {
@@ -213,8 +214,30 @@ json_t *source_warnings_json(const source *s) {
     for (int i = 0; i < count; i++) {
         json_array_append_new(list, json_text(offline_open(NULL)->scene_warning(s->scene, i)));
     }
+    // what was warned of when the model was built, perhaps long ago
+    pal_model_info info = {0};
+    if (s->model != NULL) {
+        pal_model_get_info(s->model, &info);
+    }
+    char *rest = info.warnings;
+    for (char *line; (line = strtok_r(rest, "\n", &rest)) != NULL;) {
+        if (!scene_warns(s, line)) {
+            json_array_append_new(list, json_text(line));
+        }
+    }
     if (!s->passed) {
         json_array_append_new(list, json_text(s->certificate_message));
     }
     return list;
+}
+
+void source_print_warnings(const source *s, const common_options *options) {
+    json_t *list = source_warnings_json(s);
+    for (size_t i = 0; i < json_array_size(list) && !options->quiet; i++) {
+        (void)fprintf(stderr, "warning: %s\n", json_string_value(json_array_get(list, i)));
+    }
+    if (!s->passed && options->quiet) { // never silent
+        (void)fprintf(stderr, "warning: %s\n", s->certificate_message);
+    }
+    json_decref(list);
 }

@@ -87,6 +87,7 @@ typedef struct pal_model_info {
     char method_options[256];            ///< the options in effect, "key=value, ..."
     char hash[65];                       ///< content hash of all that determines the model, hex
     char provenance[512];                ///< program version, compiler, libraries, host
+    char warnings[2048];                 ///< what building it warned of, a line each; "": nothing
     pal_offline_seconds seconds;
     pal_certificate certificate;
 } pal_model_info;

@@ -114,6 +114,45 @@ static void physics_rebuilds_and_nothing_else_does(void **state) {
     assert_true(cached("--set repair=none") == 0);
 }
 
+/// What the build warned of is said again by who finds the model in the cache, or has its file
+/// only, and once.
+static void warnings_stay_with_the_model(void **state) {
+    (void)state;
+    char scene[300], file[300];
+    (void)snprintf(scene, sizeof scene, "%s.warned.yaml", model_path);
+    (void)snprintf(file, sizeof file, "%s.warned", model_path);
+    FILE *f = fopen(scene, "w");
+    assert_non_null(f);
+    (void)fputs("palpate: 1\nbody:\n  geometry: {box: {size: [0.04, 0.04, 0.02]}}\n"
+                "  spacing: 0.01\n  material: {young: 10e3, poisson: 0.3}\n"
+                "  fixed: [{below: {z: -0.01}}]\n  touchable: [{below: {z: 0.01}}]\n",
+                f);
+    assert_int_equal(fclose(f), 0);
+    char *said[3] = {NULL};
+    for (int i = 0; i < 3; i++) { // built, from the cache, from the file
+        program_result r =
+            i < 2 ? run("precompute %s -o %s --json", scene, file) : run("info %s --json", file);
+        assert_int_equal(r.status, 0);
+        json_t *warnings = json_object_get(r.json, "warnings");
+        assert_int_equal(json_array_size(warnings), 1);
+        said[i] = strdup(json_string_value(json_array_get(warnings, 0)));
+        assert_non_null(strstr(said[i], "fixed wins"));
+        assert_string_equal(said[i], said[0]);
+        assert_true(i == 2 || (program_number(r.json, "cached") == 1.0) == (i == 1));
+        program_clear(&r);
+    }
+    program_result r = run("info %s", file);
+    char *first = strstr(r.error, "fixed wins");
+    assert_non_null(first);
+    assert_null(strstr(first + 1, "fixed wins"));
+    program_clear(&r);
+    for (int i = 0; i < 3; i++) {
+        free(said[i]);
+    }
+    (void)unlink(scene);
+    (void)unlink(file);
+}
+
 static void the_error_is_estimated_and_refined_to_a_target(void **state) {
     (void)state;
     program_result a = run("precompute %s --json", scene_path);
@@ -304,6 +343,7 @@ int main(void) {
         cmocka_unit_test(every_command_helps_with_an_example),
         cmocka_unit_test(precompute_prints_the_keys_of_the_design),
         cmocka_unit_test(physics_rebuilds_and_nothing_else_does),
+        cmocka_unit_test(warnings_stay_with_the_model),
         cmocka_unit_test(the_error_is_estimated_and_refined_to_a_target),
         cmocka_unit_test(a_model_file_presses_like_its_scene),
         cmocka_unit_test(h5dump_reads_the_model),
