@@ -153,6 +153,8 @@ static const bench_case cases[] = {
     {"10k-tolerance", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0, 1e-3},
     {"10k-render", NULL, SINGLE, SURFACE, READER, 0.012, SLIDE(0.003, 0.006), 60, 400, 0, 0},
     {"10k-friction", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 0.3, 0},
+    {"10k-friction-tolerance", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400,
+     0.3, 1e-3},
     {"10k-stick", NULL, SINGLE, SURFACE, SERVO, 0.012, SLIDE(0.003, 0.006), 60, 400, 5, 0},
     {"10k-nodes", NULL, SINGLE, NODES, SERVO, 0.012, SLIDE(0.0019, 0.006), 60, 400, 0, 0},
 };
