@@ -116,7 +116,7 @@ static void summarise(nodes_law *law, pal_contact_result *result) {
         tool_state *tool = &law->tool[t];
         pal_contact_wrench *w = &result->tool[t];
         const double *f = law->set.f + 3 * (size_t)k, *u = law->set.u + 3 * (size_t)k;
-        double x[3], arm[3], push = fmax(0.0, dot(f, tool->dir));
+        double x[3], arm[3], push = fmax(0.0, v3_dot(f, tool->dir));
         for (int i = 0; i < 3; i++) {
             x[i] = rest_of(law, law->member[k])[i] + u[i];
             arm[i] = x[i] - tool->pose.position[i];
@@ -129,7 +129,7 @@ static void summarise(nodes_law *law, pal_contact_result *result) {
         w->torque[2] += arm[0] * f[1] - arm[1] * f[0];
         w->depth = fmax(w->depth, law->depth[k]);
         w->count++;
-        tool->moved = fmax(tool->moved, sqrt(dot(u, u)));
+        tool->moved = fmax(tool->moved, sqrt(v3_dot(u, u)));
         law->moved = fmax(law->moved, tool->moved);
     }
     for (int32_t t = 0; t < law->def.tool_count; t++) {
@@ -165,7 +165,7 @@ static void nodes_solve(void *self, const pal_contact_tool tools[], pal_contact_
             step[i] = tool->solid.center[i] - tool->before.center[i];
             swing[i] = tool->solid.axis[i] - tool->before.axis[i];
         }
-        tool->travel = sqrt(dot(step, step)) + tool->solid.half * sqrt(dot(swing, swing));
+        tool->travel = sqrt(v3_dot(step, step)) + tool->solid.half * sqrt(v3_dot(swing, swing));
         pal_nodes_gather(law, t);
         if (tool->engaged) {
             pal_nodes_turn(law, t);

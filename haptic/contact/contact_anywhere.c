@@ -192,7 +192,7 @@ static double touchable_spacing(const pal_model *model) {
         int32_t node = model->column_node[j];
         if ((model->node_flags[node] & PALPATE_NODE_TOUCHABLE) != 0) {
             const double *a = model->area_vector + 3 * (size_t)node;
-            sum += sqrt(dot(a, a));
+            sum += sqrt(v3_dot(a, a));
             count++;
         }
     }
@@ -292,7 +292,7 @@ static void add_torque(const anywhere_tool *tool, const anywhere_point *point, d
         add_cross(p, f, torque);
         return;
     }
-    double s = dot(point->arm, solid->axis), normal[3], friction[3], axis[3];
+    double s = v3_dot(point->arm, solid->axis), normal[3], friction[3], axis[3];
     s = s < -solid->half ? -solid->half : s > solid->half ? solid->half : s;
     for (int i = 0; i < 3; i++) {
         normal[i] = push * point->felt[0][i];
@@ -334,7 +334,7 @@ static void summarise(anywhere_law *law, pal_contact_result *result) {
     }
     for (int32_t t = 0; t < law->def.tool_count; t++) {
         pal_contact_wrench *w = &result->tool[t];
-        double length = sqrt(dot(w->normal, w->normal));
+        double length = sqrt(v3_dot(w->normal, w->normal));
         for (int i = 0; i < 3 && weight[t] > 0.0; i++) {
             w->centroid[i] /= weight[t];
             w->normal[i] = length > 0.0 ? w->normal[i] / length : 0.0;
@@ -357,7 +357,7 @@ static void finish(anywhere_law *law, int32_t t, const pal_contact_tool *in,
     }
     for (int32_t k = 0; k < tool->stations && w->count > 0; k++) {
         const anywhere_station *s = &tool->station[k];
-        double depth = s->engaged ? s->depth + dot(back, s->at.normal) : 0.0;
+        double depth = s->engaged ? s->depth + v3_dot(back, s->at.normal) : 0.0;
         w->depth = depth > w->depth ? depth : w->depth;
     }
 }

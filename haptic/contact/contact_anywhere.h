@@ -16,6 +16,7 @@
 #include "haptic/solver/friction.h"
 #include "haptic/contact/solid.h"
 #include "haptic/contact/working_set.h"
+#include "haptic/base/vec.h"
 
 enum { PALPATE_STATIONS_MAX = 18, PALPATE_POINTS_MAX = 64 };
 
@@ -188,9 +189,5 @@ void pal_anywhere_recall(anywhere_law *law);
 void pal_anywhere_slip(const anywhere_law *law, anywhere_point *point);
 /// Keep what the next tick needs; at the tick's end.
 void pal_anywhere_remember(anywhere_law *law);
-
-static inline double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 #endif

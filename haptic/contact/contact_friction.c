@@ -45,7 +45,7 @@ static const double PACE_MIN = 0.03;
 
 /// v less its part along n.
 static void flatten(const double n[3], double v[3]) {
-    double along = dot(v, n);
+    double along = v3_dot(v, n);
     for (int i = 0; i < 3; i++) {
         v[i] -= along * n[i];
     }
@@ -79,7 +79,7 @@ void pal_anywhere_shift(const anywhere_law *law, int32_t t, anywhere_station *s)
     }
     flatten(s->at.normal, found);
     s->pace =
-        dot(found, s->step) < 0.0 ? fmax(0.5 * s->pace, PACE_MIN) : fmin(1.2 * s->pace, RELAX);
+        v3_dot(found, s->step) < 0.0 ? fmax(0.5 * s->pace, PACE_MIN) : fmin(1.2 * s->pace, RELAX);
     for (int i = 0; i < 3; i++) {
         s->step[i] = found[i];
         s->give[i] += s->pace * found[i];
@@ -141,7 +141,7 @@ void pal_anywhere_slip(const anywhere_law *law, anywhere_point *point) {
     }
     for (int r = 1; r < 3; r++) {
         const double *e = point->along[r];
-        point->q[r] = -dot(e, u) - dot(e, own) - dot(e, d);
+        point->q[r] = -v3_dot(e, u) - v3_dot(e, own) - v3_dot(e, d);
     }
 }
 
@@ -163,14 +163,14 @@ static void follow_material(anywhere_law *law) {
             continue;
         }
         // a station between others may carry none; its material is displaced all the same
-        z = (z > 0.0 ? z : 0.0) + UNLOADED * sqrt(dot(tool->force, tool->force));
+        z = (z > 0.0 ? z : 0.0) + UNLOADED * sqrt(v3_dot(tool->force, tool->force));
         weight[point->tool][point->station] += z;
         s->stuck += law->state[i] == PALPATE_POINT_STICK ? z : 0.0;
         for (int32_t a = 1; a < 3; a++) {
             const double *e = point->along[a];
             int32_t r = point->first + a;
             // M z less the give of the coupling
-            double u = law->w[r] - law->q[r] - tool->yield * dot(e, tool->force);
+            double u = law->w[r] - law->q[r] - tool->yield * v3_dot(e, tool->force);
             for (int c = 0; c < 3; c++) {
                 s->drag[c] += z * u * e[c];
             }
@@ -263,7 +263,7 @@ void pal_anywhere_remember(anywhere_law *law) {
         law->past.z[i] = point->x[2];
         law->past.width[i] = point->width;
         memcpy(along, trace->force, sizeof trace->force);
-        along[3] = dot(trace->force, trace->normal);
+        along[3] = v3_dot(trace->force, trace->normal);
     }
     if (pal_have_avx2()) {
         sum_sweeps_avx2(law);

@@ -23,7 +23,7 @@ void pal_anywhere_hold(anywhere_law *law, int32_t t) {
             target[i] -= point->x[i] + tool->yield * tool->preload[i];
         }
         for (int a = 0; a < 3; a++) {
-            point->q[a] = -dot(target, point->along[a]);
+            point->q[a] = -v3_dot(target, point->along[a]);
         }
     }
 }

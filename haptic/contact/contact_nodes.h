@@ -12,6 +12,7 @@
 #include "haptic/contact/contact.h"
 #include "haptic/contact/grid.h"
 #include "haptic/contact/solid.h"
+#include "haptic/base/vec.h"
 
 /// A touchable node's contact state; counters belong to the tick in `stamp`.
 typedef struct node_state {
@@ -98,10 +99,6 @@ int pal_nodes_aim(nodes_law *law, int32_t k);
 uint32_t pal_nodes_settle(nodes_law *law, pal_contact_result *result);
 
 // ---- Small helpers ------------------------------------------------------------------------------
-
-static inline double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 static inline int is_point(const nodes_law *law, int32_t t) {
     return law->def.tools[t].shape == PALPATE_SHAPE_POINT;

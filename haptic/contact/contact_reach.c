@@ -15,8 +15,8 @@ static const double MARGIN_NORMAL = 1.5; // of the largest reach: radius normals
 /// Squared distance of x from the line through the tip along d.
 static double off_line(const pal_solid *solid, const double d[3], const double x[3]) {
     double p[3] = {x[0] - solid->center[0], x[1] - solid->center[1], x[2] - solid->center[2]};
-    double b = dot(p, d);
-    return fmax(0.0, dot(p, p) - b * b);
+    double b = v3_dot(p, d);
+    return fmax(0.0, v3_dot(p, p) - b * b);
 }
 
 /// Radius over which normals are averaged: the patch a ball pressed to this depth covers, at least
@@ -54,7 +54,7 @@ void pal_nodes_turn(nodes_law *law, int32_t t) {
         const double *x = rest_of(law, tool->candidate[k]);
         const double *n = normal_of(law, tool->candidate[k]);
         double near, far;
-        if (dot(n, tool->dir) < 0.0 && pal_solid_chord(&wide, x, tool->dir, &near, &far)) {
+        if (v3_dot(n, tool->dir) < 0.0 && pal_solid_chord(&wide, x, tool->dir, &near, &far)) {
             double level = 1.0 + (far - more) / (0.5 * wide.radius);
             double weight = (far - near) * (far - near) * fmax(0.0, fmin(1.0, level));
             for (int i = 0; i < 3; i++) {
@@ -62,15 +62,15 @@ void pal_nodes_turn(nodes_law *law, int32_t t) {
             }
         }
     }
-    double length = sqrt(dot(sum, sum));
-    if (!(length > 0.0) || !(dot(sum, tool->dir) > 0.0)) {
+    double length = sqrt(v3_dot(sum, sum));
+    if (!(length > 0.0) || !(v3_dot(sum, tool->dir) > 0.0)) {
         return;
     }
     double d[3]; // halfway: a fixed point reached without swinging
     for (int i = 0; i < 3; i++) {
         d[i] = tool->dir[i] + sum[i] / length;
     }
-    length = sqrt(dot(d, d));
+    length = sqrt(v3_dot(d, d));
     for (int i = 0; i < 3; i++) {
         tool->dir[i] = d[i] / length;
     }
@@ -97,7 +97,7 @@ void pal_nodes_narrow(nodes_law *law, int32_t t) {
     for (int32_t k = 0; k < tool->candidates; k++) {
         int32_t a = tool->candidate[k];
         double near, far;
-        if (dot(normal_of(law, a), tool->dir) < 0.0 &&
+        if (v3_dot(normal_of(law, a), tool->dir) < 0.0 &&
             pal_solid_chord(&wide, rest_of(law, a), tool->dir, &near, &far) && far > 0.0) {
             tool->near[tool->nears++] = a;
         }
@@ -135,12 +135,12 @@ static int32_t enter_point(nodes_law *law, tool_state *tool) {
     const double *n = normal_of(law, a);
     double p[3] = {tool->solid.center[0] - x[0], tool->solid.center[1] - x[1],
                    tool->solid.center[2] - x[2]};
-    double height = dot(p, n), reach = law->grid.reach[a];
+    double height = v3_dot(p, n), reach = law->grid.reach[a];
     if (height >= 0.0) {
         tool->outside = 1;
         return -1;
     }
-    double across = dot(p, p) - height * height;
+    double across = v3_dot(p, p) - height * height;
     int was_outside = tool->has_before ? tool->outside : -height <= reach;
     tool->outside = 0;
     return was_outside && across <= reach * reach ? a : -1;
@@ -171,11 +171,12 @@ static int32_t enter_solid(nodes_law *law, tool_state *tool) {
         // from the nearest point of the tool's axis one tick ago
         double p[3] = {x[0] - tool->before.center[0], x[1] - tool->before.center[1],
                        x[2] - tool->before.center[2]};
-        double along = fmax(-tool->before.half, fmin(tool->before.half, dot(p, tool->before.axis)));
+        double along =
+            fmax(-tool->before.half, fmin(tool->before.half, v3_dot(p, tool->before.axis)));
         for (int i = 0; i < 3; i++) {
             p[i] = along * tool->before.axis[i] - p[i];
         }
-        if (dot(p, normal_of(law, a)) >= 0.0) {
+        if (v3_dot(p, normal_of(law, a)) >= 0.0) {
             least = distance;
             best = a;
         }
@@ -213,7 +214,7 @@ void pal_nodes_pick(nodes_law *law, int32_t t) {
         int32_t a = tool->candidate[k];
         double off = off_line(&tool->solid, tool->dir, rest_of(law, a));
         double reach = law->grid.reach[a];
-        if (!(dot(normal_of(law, a), tool->dir) < 0.0) || off > reach * reach) {
+        if (!(v3_dot(normal_of(law, a), tool->dir) < 0.0) || off > reach * reach) {
             continue;
         }
         double weighed = a == now ? POINT_CHANGE * POINT_CHANGE * off : off;
@@ -238,7 +239,7 @@ void pal_nodes_disengage(nodes_law *law, int32_t t, const pal_contact_wrench *w)
     for (int32_t k = 0; k < tool->candidates; k++) {
         int32_t a = tool->candidate[k];
         double off = off_line(&tool->solid, tool->dir, rest_of(law, a));
-        if (dot(normal_of(law, a), tool->dir) < 0.0 && off < least) {
+        if (v3_dot(normal_of(law, a), tool->dir) < 0.0 && off < least) {
             least = off;
             best = a;
         }
@@ -250,8 +251,8 @@ void pal_nodes_disengage(nodes_law *law, int32_t t, const pal_contact_wrench *w)
         for (int i = 0; i < 3; i++) {
             p[i] = tool->solid.center[i] - rest_of(law, best)[i];
         }
-        below = dot(p, tool->dir) + tool->solid.radius +
-                tool->solid.half * fabs(dot(tool->solid.axis, tool->dir));
+        below = v3_dot(p, tool->dir) + tool->solid.radius +
+                tool->solid.half * fabs(v3_dot(tool->solid.axis, tool->dir));
         below = least <= room * room ? below : -1.0;
     }
     if (!(below > 0.0)) {

@@ -44,7 +44,7 @@ void pal_nodes_grasp(nodes_law *law, const pal_contact_tool tools[]) {
                 node->held = 1;
                 tool->holding++;
             } else if (node->held) {
-                double s = dot(u, tool->dir);
+                double s = v3_dot(u, tool->dir);
                 for (int i = 0; i < 3; i++) {
                     node->offset[i] = u[i] - s * tool->dir[i];
                 }
@@ -79,7 +79,7 @@ int pal_nodes_aim(nodes_law *law, int32_t k) {
             u[i] = node->offset[i] + far * tool->dir[i];
         }
     }
-    law->depth[k] = dot(u, tool->dir);
+    law->depth[k] = v3_dot(u, tool->dir);
     return 1;
 }
 
@@ -101,7 +101,7 @@ static int32_t find_fresh(nodes_law *law) {
                 (!is_point(law, t) && !(near < tool->travel + tool->depth))) {
                 continue;
             }
-            double s = dot(u, tool->dir);
+            double s = v3_dot(u, tool->dir);
             choice fresh = {.depth = far + s, .node = a, .tool = t};
             for (int i = 0; i < 3; i++) {
                 fresh.offset[i] = u[i] - s * tool->dir[i];
@@ -201,7 +201,7 @@ static int32_t release_pulled(nodes_law *law) {
     for (int32_t k = law->set.count - 1; k >= 0; k--) {
         node_state *node = state_of(law, law->member[k]);
         const double *f = law->set.f + 3 * (size_t)k;
-        if (!node->held && dot(f, law->tool[node->owner].dir) < 0.0) {
+        if (!node->held && v3_dot(f, law->tool[node->owner].dir) < 0.0) {
             pal_nodes_let_go(law, k);
             node->let_go++;
             count++;
@@ -226,7 +226,7 @@ static int32_t release_in_front(nodes_law *law) {
 static int any_pulled(const nodes_law *law) {
     for (int32_t k = 0; k < law->set.count; k++) {
         const node_state *node = &law->node[law->member[k]];
-        if (!node->held && dot(law->set.f + 3 * (size_t)k, law->tool[node->owner].dir) < 0.0) {
+        if (!node->held && v3_dot(law->set.f + 3 * (size_t)k, law->tool[node->owner].dir) < 0.0) {
             return 1;
         }
     }

@@ -13,16 +13,13 @@
 #include <string.h>
 
 #include "haptic/contact/contact_surface.h"
+#include "haptic/base/vec.h"
 
 enum { NEWTON = 10, STACK = 64, VISITS = 2 * PALPATE_REST_TESTS };
 static const double LAST = 1e-6;      // of barycentrics: a step after which Newton is done
 static const double TOLERANCE = 1e-9; // of barycentrics: shared edges belong to both sides
 
 // ---- Small helpers ------------------------------------------------------------------------------
-
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 /// Solve x a + y b + z c = r. @return the determinant; 0: singular, out unchanged
 static double solve3(const double a[3], const double b[3], const double c[3], const double r[3],
@@ -31,14 +28,14 @@ static double solve3(const double a[3], const double b[3], const double c[3], co
                     b[0] * c[1] - b[1] * c[0]};
     double ra[3] = {r[1] * a[2] - r[2] * a[1], r[2] * a[0] - r[0] * a[2],
                     r[0] * a[1] - r[1] * a[0]};
-    double det = dot(a, bc);
+    double det = v3_dot(a, bc);
     out[0] = out[1] = out[2] = 0.0;
     if (!(fabs(det) > 0.0) || !isfinite(1.0 / det)) {
         return 0.0;
     }
-    out[0] = dot(r, bc) / det;
-    out[1] = -dot(c, ra) / det;
-    out[2] = dot(b, ra) / det;
+    out[0] = v3_dot(r, bc) / det;
+    out[1] = -v3_dot(c, ra) / det;
+    out[2] = v3_dot(b, ra) / det;
     return det;
 }
 
@@ -113,7 +110,7 @@ void pal_rest_point(const pal_rest_surface *surface, int32_t triangle, const dou
     }
     patch_position(&k, out->weight, out->position);
     patch_normal(&k, out->weight, out->normal);
-    double length = sqrt(dot(out->normal, out->normal));
+    double length = sqrt(v3_dot(out->normal, out->normal));
     for (int i = 0; i < 3 && length > 0.0; i++) {
         out->normal[i] /= length;
     }
@@ -177,11 +174,11 @@ static void offer_patch(search *q, int32_t t) {
     double b[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3}, x[3], n[3], d[3];
     patch_position(&k, b, x);
     patch_normal(&k, b, n);
-    double length = dot(n, n), s = 0.0;
+    double length = v3_dot(n, n), s = 0.0;
     for (int i = 0; i < 3; i++) {
         d[i] = q->p[i] - x[i];
     }
-    s = length > 0.0 ? dot(d, n) / length : 0.0;
+    s = length > 0.0 ? v3_dot(d, n) / length : 0.0;
     if (solve_patch(&k, q->p, b, &s, 0) != 1) {
         return;
     }
@@ -190,10 +187,10 @@ static void offer_patch(search *q, int32_t t) {
     for (int i = 0; i < 3; i++) {
         d[i] = q->p[i] - x[i];
     }
-    if (better(q, dot(d, d), t)) {
-        q->least = dot(d, d);
+    if (better(q, v3_dot(d, d), t)) {
+        q->least = v3_dot(d, d);
         pal_rest_point(q->surface, t, b, q->out);
-        q->out->distance = dot(d, q->out->normal);
+        q->out->distance = v3_dot(d, q->out->normal);
     }
 }
 
@@ -208,11 +205,11 @@ static void offer_point(search *q, int32_t t, const double b[3], double side) {
     for (int i = 0; i < 3; i++) {
         d[i] = q->p[i] - x[i];
     }
-    if (!better(q, dot(d, d), t)) {
+    if (!better(q, v3_dot(d, d), t)) {
         return;
     }
-    double length = sqrt(dot(d, d));
-    q->least = dot(d, d);
+    double length = sqrt(v3_dot(d, d));
+    q->least = v3_dot(d, d);
     pal_rest_point(q->surface, t, b, q->out);
     q->out->distance = side < 0.0 ? -length : length;
     for (int i = 0; i < 3 && length > 0.0; i++) {
@@ -264,7 +261,7 @@ static void offer_edge(search *q, int32_t t, int e) {
                       height * ((1.0 - share) * (nc[i] - na[i]) + share * (mc[i] - ma[i]));
         }
         if (n == 0) { // height first: at 0 the share is undetermined
-            height = dot(r, normal) / fmax(dot(normal, normal), 1e-12);
+            height = v3_dot(r, normal) / fmax(v3_dot(normal, normal), 1e-12);
             for (int i = 0; i < 3; i++) {
                 u_share[i] = height * 0.5 * (ma[i] + mc[i] - na[i] - nc[i]);
                 r[i] -= height * normal[i];
@@ -417,8 +414,8 @@ int pal_rest_track(const pal_rest_surface *surface, const double p[3], double re
                 pal_rest_point(surface, t, b, &point);
                 double d[3] = {p[0] - point.position[0], p[1] - point.position[1],
                                p[2] - point.position[2]};
-                point.distance = dot(d, point.normal);
-                if (!(dot(d, d) <= reach * reach)) {
+                point.distance = v3_dot(d, point.normal);
+                if (!(v3_dot(d, d) <= reach * reach)) {
                     point.triangle = -1;
                 }
             }
@@ -492,7 +489,7 @@ static void across(const double d[3], double u[3], double v[3]) {
     for (int c = 0; c < 3; c++) {
         u[c] = e[c] - d[i] * d[c];
     }
-    double length = sqrt(dot(u, u));
+    double length = sqrt(v3_dot(u, u));
     for (int c = 0; c < 3; c++) {
         u[c] /= length;
     }
@@ -512,10 +509,10 @@ static inline flat flat_of(const line *q, const patch *k) {
     for (int c = 0; c < 3; c++) {
         double d[3] = {k->p[c][0] - q->origin[0], k->p[c][1] - q->origin[1],
                        k->p[c][2] - q->origin[2]};
-        out.p[c][0] = dot(d, e);
-        out.p[c][1] = dot(d, f);
-        out.c[c][0] = dot(k->c + 3 * c, e);
-        out.c[c][1] = dot(k->c + 3 * c, f);
+        out.p[c][0] = v3_dot(d, e);
+        out.p[c][1] = v3_dot(d, f);
+        out.c[c][0] = v3_dot(k->c + 3 * c, e);
+        out.c[c][1] = v3_dot(k->c + 3 * c, f);
     }
     return out;
 }
@@ -560,9 +557,9 @@ static int take_hit(line *q, int32_t t, double b[3]) {
     pal_rest_point(q->surface, t, b, &point);
     double d[3] = {point.position[0] - q->origin[0], point.position[1] - q->origin[1],
                    point.position[2] - q->origin[2]};
-    point.distance = dot(d, q->aim->direction);
+    point.distance = v3_dot(d, q->aim->direction);
     double far = fabs(point.distance);
-    if (dot(point.normal, q->aim->direction) > q->min_cosine &&
+    if (v3_dot(point.normal, q->aim->direction) > q->min_cosine &&
         (far < q->least || (far == q->least && (q->out->triangle < 0 || t < q->out->triangle)))) {
         q->least = far;
         *q->out = point;
@@ -603,7 +600,7 @@ static int walk_to_line(line *q, int32_t t, const double from[3]) {
 
 int pal_rest_aim_at(const double direction[3], pal_rest_aim *out) {
     memcpy(out->direction, direction, sizeof out->direction);
-    if (!(fabs(dot(direction, direction) - 1.0) < 1e-6)) {
+    if (!(fabs(v3_dot(direction, direction) - 1.0) < 1e-6)) {
         return 0;
     }
     across(direction, out->across[0], out->across[1]);

@@ -15,6 +15,7 @@
 
 #include "haptic/base/block.h"
 #include "haptic/contact/contact_surface.h"
+#include "haptic/base/vec.h"
 
 enum { LEAF = 3 };
 static const double SHARP = 0.766044443118978; // cos 40 degrees
@@ -54,19 +55,9 @@ size_t pal_rest_bytes(const pal_model *model) {
 
 // ---- Small helpers ------------------------------------------------------------------------------
 
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross(const double a[3], const double b[3], double out[3]) {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 /// v / |v|; 0 stays 0. @return |v|
 static double unit(double v[3]) {
-    double length = sqrt(dot(v, v));
+    double length = sqrt(v3_dot(v, v));
     for (int i = 0; i < 3 && length > 0.0; i++) {
         v[i] /= length;
     }
@@ -90,7 +81,7 @@ static void corner_edges(const pal_rest_surface *s, int32_t t, int c, double u[3
         u[i] = q[i] - p[i];
         v[i] = r[i] - p[i];
     }
-    cross(u, v, area);
+    v3_cross(u, v, area);
 }
 
 // ---- Neighbours ---------------------------------------------------------------------------------
@@ -148,8 +139,8 @@ static void find_sharp(pal_rest_surface *s) {
             int32_t other = s->across[3 * t + e];
             if (other >= 0) {
                 corner_edges(s, other / 3, 0, u, v, m);
-                double size = sqrt(dot(n, n) * dot(m, m));
-                s->sharp[t] |= (uint8_t)((size > 0.0 && dot(n, m) < SHARP * size) << e);
+                double size = sqrt(v3_dot(n, n) * v3_dot(m, m));
+                s->sharp[t] |= (uint8_t)((size > 0.0 && v3_dot(n, m) < SHARP * size) << e);
             }
         }
     }
@@ -192,7 +183,7 @@ static void sector_normal(const pal_rest_surface *s, int32_t first, int32_t limi
     for (int32_t k = 0; k < limit && at >= 0; k++) {
         double u[3], v[3], area[3];
         corner_edges(s, at / 3, at % 3, u, v, area);
-        double weight = dot(u, u) * dot(v, v);
+        double weight = v3_dot(u, u) * v3_dot(v, v);
         for (int i = 0; i < 3 && weight > 0.0; i++) {
             n[i] += area[i] / weight;
         }
@@ -234,7 +225,7 @@ static void find_normals(build *b) {
             double u[3], v[3], area[3], *n = corner_at(s, corner / 3, corner % 3);
             sector_normal(s, sector_start(s, corner, limit), limit, n);
             corner_edges(s, corner / 3, corner % 3, u, v, area);
-            double angle = angle_of(sqrt(dot(area, area)), dot(u, v));
+            double angle = angle_of(sqrt(v3_dot(area, area)), v3_dot(u, v));
             unit(area);
             for (int c = 0; c < 3; c++) {
                 fan[c] += angle * area[c];
@@ -249,13 +240,13 @@ static void find_normals(build *b) {
 
 /// out = (projection on span(a, b)) e, a and b unit.
 static void project_on(const double a[3], const double b[3], const double e[3], double out[3]) {
-    double more[3], along = dot(a, b), in = dot(a, e);
+    double more[3], along = v3_dot(a, b), in = v3_dot(a, e);
     for (int i = 0; i < 3; i++) {
         more[i] = b[i] - along * a[i];
         out[i] = in * a[i];
     }
     if (unit(more) > 1e-6) {
-        double rest = dot(more, e);
+        double rest = v3_dot(more, e);
         for (int i = 0; i < 3; i++) {
             out[i] += rest * more[i];
         }
@@ -288,19 +279,19 @@ static void find_bends(pal_rest_surface *s) {
 static double body_size(const pal_model *model) {
     const double *low = model->info.bounds_min, *high = model->info.bounds_max;
     double box[3] = {high[0] - low[0], high[1] - low[1], high[2] - low[2]};
-    return sqrt(dot(box, box));
+    return sqrt(v3_dot(box, box));
 }
 
 static double edge_distance(const pal_rest_surface *s, int32_t edge, const double x[3]) {
     int32_t t = edge / 3;
     const double *p = node_at(s, t, edge - 3 * t), *q = node_at(s, t, (edge + 1 - 3 * t) % 3);
     double e[3] = {q[0] - p[0], q[1] - p[1], q[2] - p[2]};
-    double d[3] = {x[0] - p[0], x[1] - p[1], x[2] - p[2]}, length = dot(e, e);
-    double along = length > 0.0 ? fmin(fmax(dot(d, e) / length, 0.0), 1.0) : 0.0;
+    double d[3] = {x[0] - p[0], x[1] - p[1], x[2] - p[2]}, length = v3_dot(e, e);
+    double along = length > 0.0 ? fmin(fmax(v3_dot(d, e) / length, 0.0), 1.0) : 0.0;
     for (int i = 0; i < 3; i++) {
         d[i] -= along * e[i];
     }
-    return sqrt(dot(d, d));
+    return sqrt(v3_dot(d, d));
 }
 
 /// Mark triangles with three touchable columns, and queue the nodes of the edges around them.

@@ -82,7 +82,7 @@ void pal_anywhere_sample(const anywhere_point *point, const double *v, double u[
 static double apart(const anywhere_point *i, const double x[3], double width, int32_t tool,
                     int32_t station, int same) {
     double d[3] = {i->x[0] - x[0], i->x[1] - x[1], i->x[2] - x[2]}, both = i->width + width;
-    double b = 1.0 / sqrt(dot(d, d) + both * both);
+    double b = 1.0 / sqrt(v3_dot(d, d) + both * both);
     if (same) {
         return b;
     }
@@ -206,9 +206,9 @@ PALPATE_INLINE void fill_row(anywhere_law *law, const anywhere_point *j, int32_t
         sample_wide(i, y, &u);
         double v[3] = {u[0], u[1], u[2]};
         for (int32_t a = 0; a < i->rows; a++) {
-            double blend = t * dot(i->along[a], e) - (a == 0 ? -more : 0.0);
-            m[i->first + a] = dot(i->along[a], v) + blend * law->around.near[p] +
-                              yield * dot(i->felt[a], j->felt[0]);
+            double blend = t * v3_dot(i->along[a], e) - (a == 0 ? -more : 0.0);
+            m[i->first + a] = v3_dot(i->along[a], v) + blend * law->around.near[p] +
+                              yield * v3_dot(i->felt[a], j->felt[0]);
         }
     }
 }
@@ -374,7 +374,7 @@ void pal_anywhere_displacement(anywhere_law *law, int32_t i, double u[3]) {
                 f[k] += law->z[j->first + b] * j->along[b][k];
             }
         }
-        double along = dot(f, j->normal);
+        double along = v3_dot(f, j->normal);
         for (int k = 0; k < 3; k++) {
             u[k] += near * (t * f[k] + more * along * point->normal[k]);
         }

@@ -68,7 +68,7 @@ static int find_foot(anywhere_law *law, anywhere_station *s, const double p[3], 
     travel = sqrt(travel);
     const double *low = law->model->info.bounds_min, *high = law->model->info.bounds_max;
     double size[3] = {high[0] - low[0], high[1] - low[1], high[2] - low[2]};
-    double all = sqrt(dot(size, size)) + ball + travel;
+    double all = sqrt(v3_dot(size, size)) + ball + travel;
     pal_surface_point at = s->at;
     int found = s->engaged && pal_rest_track(&law->surface, p, all, &s->at, &at);
     if (!found) {
@@ -95,7 +95,7 @@ static int find_foot(anywhere_law *law, anywhere_station *s, const double p[3], 
 /// e1 in the plane across n.
 static void carry_frame(anywhere_station *s, const double n[3], int fresh) {
     double *e = s->across;
-    double along = dot(e, n), length = 0.0;
+    double along = v3_dot(e, n), length = 0.0;
     for (int pass = fresh; pass < 3; pass++) {
         if (pass > 0) { // the axis that is most across n
             int axis = fabs(n[0]) <= fabs(n[1]) ? (fabs(n[0]) <= fabs(n[2]) ? 0 : 2)
@@ -107,7 +107,7 @@ static void carry_frame(anywhere_station *s, const double n[3], int fresh) {
         for (int i = 0; i < 3; i++) {
             e[i] -= along * n[i];
         }
-        length = sqrt(dot(e, e));
+        length = sqrt(v3_dot(e, e));
         if (length > 0.1) {
             break;
         }
@@ -120,11 +120,11 @@ static void carry_frame(anywhere_station *s, const double n[3], int fresh) {
 /// Directions of a point's rows: inward, then e1 and e2 moved into its tangent plane.
 static void frame(anywhere_point *point, const double across[3]) {
     const double *n = point->normal;
-    double along = dot(across, n), e[3], length;
+    double along = v3_dot(across, n), e[3], length;
     for (int i = 0; i < 3; i++) {
         e[i] = across[i] - along * n[i];
     }
-    length = sqrt(dot(e, e));
+    length = sqrt(v3_dot(e, e));
     for (int i = 0; i < 3; i++) {
         point->along[0][i] = -n[i];
         point->along[1][i] = e[i] / length; // facing > TURN_MIN keeps it away from 0
@@ -139,12 +139,12 @@ static void frame(anywhere_point *point, const double across[3]) {
 static void feel(const anywhere_tool *tool, const double down[3], double facing,
                  anywhere_point *point) {
     const pal_solid *solid = &tool->solid;
-    double e[3], along = dot(point->arm, solid->axis);
+    double e[3], along = v3_dot(point->arm, solid->axis);
     along = along < -solid->half ? -solid->half : along > solid->half ? solid->half : along;
     for (int i = 0; i < 3; i++) { // the tool's outward normal there, times its radius
         e[i] = point->arm[i] - along * solid->axis[i];
     }
-    double deep = dot(e, down), least = STEEP_MIN * solid->radius;
+    double deep = v3_dot(e, down), least = STEEP_MIN * solid->radius;
     memcpy(point->felt, point->along, sizeof point->felt);
     for (int i = 0; i < 3 && solid->radius > 0.0; i++) {
         double slope = (e[i] - deep * down[i]) / (deep > least ? deep : least);
@@ -157,7 +157,7 @@ static void add_point(anywhere_law *law, int32_t t, const anywhere_station *s, i
                       const pal_surface_point *at, double area, double self) {
     const anywhere_tool *tool = &law->tool[t];
     const double *n = s->at.normal;
-    double facing = dot(at->normal, n), near, far, down[3] = {-n[0], -n[1], -n[2]};
+    double facing = v3_dot(at->normal, n), near, far, down[3] = {-n[0], -n[1], -n[2]};
     double fade = ramp(at->inside, 0.0, law->spacing) * ramp(facing, TURN_MIN, TURN_FULL);
     double from[3];
     for (int i = 0; i < 3; i++) { // the body moved against the tool
@@ -181,7 +181,7 @@ static void add_point(anywhere_law *law, int32_t t, const anywhere_station *s, i
     }
     frame(point, s->across);
     feel(tool, down, facing, point);
-    point->q[0] = -far * facing + dot(point->felt[0], s->give);
+    point->q[0] = -far * facing + v3_dot(point->felt[0], s->give);
     for (int i = 0; i < 3; i++) { // M has the body's part of the shift along its normal
         point->q[0] -= at->normal[i] * (s->shift[i] - s->give[i]);
     }
@@ -255,7 +255,7 @@ void pal_anywhere_touch(anywhere_law *law, int32_t t) {
         }
         int fresh = !s->engaged;
         pal_anywhere_shift(law, t, s);
-        double lift = s->engaged && tool->yield > 0.0 ? dot(back, s->at.normal) : 0.0;
+        double lift = s->engaged && tool->yield > 0.0 ? v3_dot(back, s->at.normal) : 0.0;
         for (int i = 0; i < 3; i++) {
             from[i] = p[i] + s->shift[i] + (lift != 0.0 ? lift * s->at.normal[i] : 0.0);
         }
@@ -272,7 +272,7 @@ void pal_anywhere_touch(anywhere_law *law, int32_t t) {
         for (int i = 0; i < 3; i++) {
             arm[i] = p[i] + s->shift[i] - s->at.position[i];
         }
-        double depth = ball - dot(arm, s->at.normal);
+        double depth = ball - v3_dot(arm, s->at.normal);
         s->engaged = s->outside && depth > 0.0;
         if (!s->engaged) {
             continue;

@@ -18,13 +18,10 @@
 
 #include "haptic/contact/contact_weights.h"
 #include "haptic/base/block.h"
+#include "haptic/base/vec.h"
 
 enum { FLOOD = 384, SAMPLES = 7 };
 static const double THIN = 0.004;
-
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 static int touchable(const pal_model *model, int32_t column) {
     return (model->node_flags[model->column_node[column]] & PALPATE_NODE_TOUCHABLE) != 0;
@@ -84,7 +81,7 @@ static inline void normal_at(const pal_rest_surface *s, int32_t t, const double 
     for (int i = 0; i < 3; i++) {
         n[i] = b[0] * n0[i] + b[1] * n1[i] + b[2] * n2[i];
     }
-    double length = sqrt(dot(n, n));
+    double length = sqrt(v3_dot(n, n));
     for (int i = 0; i < 3 && length > 0.0; i++) {
         n[i] /= length;
     }
@@ -107,8 +104,8 @@ static void sample(const pal_rest_surface *s, int32_t t, const double b[3], doub
 static inline double reach_of(const pal_rest_surface *s, int32_t node, const double x[3],
                               const double n[3]) {
     const double *y = s->position + 3 * (size_t)node, *m = s->node_normal + 3 * (size_t)node;
-    double d[3] = {y[0] - x[0], y[1] - x[1], y[2] - x[2]}, facing = 1.0 + dot(n, m);
-    return facing > 1e-3 ? sqrt(dot(d, d)) * 2.0 / facing : HUGE_VAL;
+    double d[3] = {y[0] - x[0], y[1] - x[1], y[2] - x[2]}, facing = 1.0 + v3_dot(n, m);
+    return facing > 1e-3 ? sqrt(v3_dot(d, d)) * 2.0 / facing : HUGE_VAL;
 }
 
 /// The k-th smallest (from 0) of r[0 .. count - 1]; reorders r. k < count.
@@ -174,7 +171,7 @@ static int32_t flood(const pal_weights_table *table, int32_t t, const double x[3
                 int32_t j = s->triangle[3 * (size_t)(s->fan[k] / 3) + (size_t)c];
                 const double *y = s->position + 3 * (size_t)j;
                 double d[3] = {y[0] - x[0], y[1] - x[1], y[2] - x[2]};
-                if (mark[j] != stamp && count < FLOOD && dot(d, d) <= radius * radius) {
+                if (mark[j] != stamp && count < FLOOD && v3_dot(d, d) <= radius * radius) {
                     mark[j] = stamp;
                     found[count++] = j;
                 }
@@ -204,7 +201,7 @@ static double needed(const pal_rest_surface *s, int32_t t, const double x[3], co
         for (int32_t i = 0; i < count; i++) {
             r[i] = reach_of(s, found[i], y, n);
         }
-        double d[3] = {y[0] - x[0], y[1] - x[1], y[2] - x[2]}, away = sqrt(dot(d, d));
+        double d[3] = {y[0] - x[0], y[1] - x[1], y[2] - x[2]}, away = sqrt(v3_dot(d, d));
         size = fmax(size, away);
         most = fmax(most, away + support(r, count, nodes, scratch));
     }
@@ -220,7 +217,7 @@ static int32_t gather(const pal_weights_table *table, int32_t t, const double x[
     for (int c = 0; c < 3; c++) {
         const double *y = s->position + 3 * (size_t)s->triangle[3 * (size_t)t + (size_t)c];
         double d[3] = {y[0] - x[0], y[1] - x[1], y[2] - x[2]};
-        *radius = fmax(*radius, 2.0 * sqrt(dot(d, d)));
+        *radius = fmax(*radius, 2.0 * sqrt(v3_dot(d, d)));
     }
     for (int n = 0; n < 12; n++) {
         count = flood(table, t, x, *radius, mark, ++*stamp, found);
@@ -236,7 +233,7 @@ static int32_t gather(const pal_weights_table *table, int32_t t, const double x[
 static double away(const pal_rest_surface *s, int32_t node, const double x[3]) {
     const double *y = s->position + 3 * (size_t)node;
     double d[3] = {y[0] - x[0], y[1] - x[1], y[2] - x[2]};
-    return dot(d, d);
+    return v3_dot(d, d);
 }
 
 static void fill_list(pal_weights_table *table, int32_t t, int32_t list, int32_t *mark,
@@ -307,7 +304,7 @@ static void tangents(const double n[3], double u[3], double v[3]) {
     for (int c = 0; c < 3; c++) {
         u[c] = e[c] - n[i] * n[c];
     }
-    double length = sqrt(dot(u, u));
+    double length = sqrt(v3_dot(u, u));
     for (int c = 0; c < 3; c++) {
         u[c] /= length;
     }
@@ -401,7 +398,7 @@ static double find_nearest(const pal_weights_table *table, const pal_surface_poi
         int32_t node = table->model->column_node[candidate[k]];
         const double *y = s->position + 3 * (size_t)node;
         double d[3] = {y[0] - x[0], y[1] - x[1], y[2] - x[2]};
-        if (dot(d, d) > most_r * most_r * slack) {
+        if (v3_dot(d, d) > most_r * most_r * slack) {
             continue;
         }
         double r = reach_of(s, node, x, n);
@@ -475,8 +472,8 @@ int32_t pal_weights_at(const pal_weights_table *table, const pal_surface_point *
         double d[3] = {y[0] - at->position[0], y[1] - at->position[1], y[2] - at->position[2]};
         out->column[slot] = column;
         out->phi[slot] = power_of(1.0 - z * z, table->power);
-        q[slot][0] = over * dot(d, u);
-        q[slot][1] = over * dot(d, v);
+        q[slot][0] = over * v3_dot(d, u);
+        q[slot][1] = over * v3_dot(d, v);
     }
     if (out->count > 0) {
         fit(out, q);

@@ -8,10 +8,7 @@
 #include <math.h>
 
 #include "haptic/base/pose.h"
-
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+#include "haptic/base/vec.h"
 
 pal_solid pal_solid_place(const pal_tool_def *tool, const pal_pose *pose) {
     static const double local_z[3] = {0.0, 0.0, 1.0};
@@ -31,11 +28,11 @@ pal_solid pal_solid_place(const pal_tool_def *tool, const pal_pose *pose) {
 
 double pal_solid_distance(const pal_solid *solid, const double x[3]) {
     double p[3] = {x[0] - solid->center[0], x[1] - solid->center[1], x[2] - solid->center[2]};
-    double along = fmax(-solid->half, fmin(solid->half, dot(p, solid->axis)));
+    double along = fmax(-solid->half, fmin(solid->half, v3_dot(p, solid->axis)));
     for (int i = 0; i < 3; i++) {
         p[i] -= along * solid->axis[i];
     }
-    return sqrt(dot(p, p)) - solid->radius;
+    return sqrt(v3_dot(p, p)) - solid->radius;
 }
 
 /// [near, far] becomes the hull of itself and [low, high].
@@ -46,9 +43,9 @@ static inline void widen(double *near, double *far, double low, double high) {
 
 /// Widen [near, far] by the interval of a ball.
 static int ball(const double p[3], const double d[3], double radius, double *near, double *far) {
-    double b = dot(p, d);
+    double b = v3_dot(p, d);
     double q[3] = {p[0] - b * d[0], p[1] - b * d[1], p[2] - b * d[2]};
-    double room = radius * radius - dot(q, q);
+    double room = radius * radius - v3_dot(q, q);
     if (!(room > 0.0)) {
         return 0;
     }
@@ -61,7 +58,7 @@ int pal_solid_chord(const pal_solid *solid, const double x[3], const double d[3]
                     double *far) {
     double p[3] = {x[0] - solid->center[0], x[1] - solid->center[1], x[2] - solid->center[2]};
     if (solid->radius == 0.0 && solid->half == 0.0) {
-        *near = *far = -dot(p, d);
+        *near = *far = -v3_dot(p, d);
         return 1;
     }
     *near = INFINITY;
@@ -77,15 +74,15 @@ int pal_solid_chord(const pal_solid *solid, const double x[3], const double d[3]
         }
         hit |= ball(q, d, solid->radius, near, far);
     }
-    double slope = dot(d, solid->axis), along = dot(p, solid->axis);
+    double slope = v3_dot(d, solid->axis), along = v3_dot(p, solid->axis);
     double e[3], q[3];
     for (int i = 0; i < 3; i++) { // line and point across the axis
         e[i] = d[i] - slope * solid->axis[i];
         q[i] = p[i] - along * solid->axis[i];
     }
-    double a = dot(e, e);
+    double a = v3_dot(e, e);
     if (a > 1e-24) {
-        double b = dot(e, q), c = dot(q, q) - solid->radius * solid->radius;
+        double b = v3_dot(e, q), c = v3_dot(q, q) - solid->radius * solid->radius;
         double room = b * b - a * c;
         if (room > 0.0) {
             for (int end = -1; end <= 1; end += 2) {

@@ -6,22 +6,13 @@
 #include <string.h>
 
 #include "haptic/base/error.h"
+#include "haptic/base/vec.h"
 
 static const double pi = 3.14159265358979323846;
 
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross(const double a[3], const double b[3], double out[3]) {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 /// Scale to unit length. @return 0 when the vector is zero or not finite.
 static int normalise(double v[3]) {
-    double length = sqrt(dot(v, v));
+    double length = sqrt(v3_dot(v, v));
     if (!(length > 1e-300) || !isfinite(length)) {
         return 0;
     }
@@ -33,12 +24,12 @@ static int normalise(double v[3]) {
 
 /// u: `direction` made perpendicular to the axis; any perpendicular when it has no such part.
 static void make_frame(const double direction[3], const double axis[3], double frame[3][3]) {
-    double *u = frame[0], along = dot(direction, axis);
-    double size = sqrt(dot(direction, direction));
+    double *u = frame[0], along = v3_dot(direction, axis);
+    double size = sqrt(v3_dot(direction, direction));
     for (int k = 0; k < 3; k++) {
         u[k] = direction[k] - along * axis[k];
     }
-    if (!(sqrt(dot(u, u)) > 1e-6 * size) || !normalise(u)) {
+    if (!(sqrt(v3_dot(u, u)) > 1e-6 * size) || !normalise(u)) {
         int least = fabs(axis[0]) <= fabs(axis[1]) ? 0 : 1;
         least = fabs(axis[2]) < fabs(axis[least]) ? 2 : least;
         for (int k = 0; k < 3; k++) {
@@ -47,21 +38,21 @@ static void make_frame(const double direction[3], const double axis[3], double f
         (void)normalise(u);
     }
     memcpy(frame[2], axis, sizeof frame[2]);
-    cross(frame[2], frame[0], frame[1]);
+    v3_cross(frame[2], frame[0], frame[1]);
 }
 
 /// Shortest rotation of (0, 0, -1) onto a unit vector: q = (1 + c, from x to) normalised.
 static void turn_to(const double axis[3], double q[4]) {
     const double from[3] = {0, 0, -1};
-    double c = dot(from, axis);
+    double c = v3_dot(from, axis);
     if (c < -1.0 + 1e-12) { // opposite: half a turn about x
         const double half[4] = {0, 1, 0, 0};
         memcpy(q, half, sizeof half);
         return;
     }
     q[0] = 1.0 + c;
-    cross(from, axis, q + 1);
-    double norm = sqrt(q[0] * q[0] + dot(q + 1, q + 1));
+    v3_cross(from, axis, q + 1);
+    double norm = sqrt(q[0] * q[0] + v3_dot(q + 1, q + 1));
     for (int k = 0; k < 4; k++) {
         q[k] /= norm;
     }
@@ -108,8 +99,8 @@ pal_status pal_stroke_bind(const char *name, const pal_stroke *stroke, const dou
     memset(out, 0, sizeof *out);
     out->stroke = *stroke;
     double unit[3] = {axis[0], axis[1], axis[2]};
-    if (!normalise(unit) || !isfinite(dot(start, start)) ||
-        !isfinite(dot(stroke->direction, stroke->direction))) {
+    if (!normalise(unit) || !isfinite(v3_dot(start, start)) ||
+        !isfinite(v3_dot(stroke->direction, stroke->direction))) {
         return pal_fail(error, PALPATE_ERROR_ARGUMENT,
                         "tool '%s': start, axis and direction must be finite and the axis not zero",
                         name);

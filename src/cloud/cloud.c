@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "haptic/base/error.h"
+#include "haptic/base/vec.h"
 
 typedef struct face {
     int32_t node[3]; ///< ascending
@@ -32,16 +33,6 @@ void pal_cloud_clear(pal_cloud *cloud) {
     memset(cloud, 0, sizeof *cloud);
 }
 
-static void cross(const double a[3], const double b[3], double out[3]) {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 static void edge(const double *x, int32_t a, int32_t b, double out[3]) {
     for (int c = 0; c < 3; c++) {
         out[c] = x[3 * (size_t)b + (size_t)c] - x[3 * (size_t)a + (size_t)c];
@@ -53,7 +44,7 @@ static void triangle_vector(const double *x, const int32_t t[3], double out[3]) 
     double u[3], v[3];
     edge(x, t[0], t[1], u);
     edge(x, t[0], t[2], v);
-    cross(u, v, out);
+    v3_cross(u, v, out);
     for (int c = 0; c < 3; c++) {
         out[c] *= 0.5;
     }
@@ -64,8 +55,8 @@ static double tet_volume(const double *x, const int32_t t[4]) {
     edge(x, t[0], t[1], u);
     edge(x, t[0], t[2], v);
     edge(x, t[0], t[3], w);
-    cross(u, v, n);
-    return dot(n, w) / 6.0;
+    v3_cross(u, v, n);
+    return v3_dot(n, w) / 6.0;
 }
 
 static face face_make(int32_t a, int32_t b, int32_t c) {
@@ -195,7 +186,7 @@ static pal_status fill_spacing(pal_cloud *c, pal_error *error) {
         int32_t a = (int32_t)(key[i] >> 32), b = (int32_t)(key[i] & 0xffffffffu);
         double e[3];
         edge(c->position, a, b, e);
-        double length = sqrt(dot(e, e));
+        double length = sqrt(v3_dot(e, e));
         c->spacing[a] += length;
         c->spacing[b] += length;
         degree[a]++;
@@ -233,7 +224,7 @@ static pal_status fill_surface(pal_cloud *c, pal_error *error) {
         const int32_t *n = c->triangle + 3 * t;
         double v[3];
         triangle_vector(c->position, n, v);
-        double third = sqrt(dot(v, v)) / 3.0;
+        double third = sqrt(v3_dot(v, v)) / 3.0;
         for (int k = 0; k < 3; k++) {
             c->area[n[k]] += third;
             for (int d = 0; d < 3; d++) {
@@ -243,7 +234,7 @@ static pal_status fill_surface(pal_cloud *c, pal_error *error) {
     }
     for (size_t i = 0; i < (size_t)c->surface_count; i++) {
         const double *v = c->area_vector + 3 * i;
-        double norm = sqrt(dot(v, v));
+        double norm = sqrt(v3_dot(v, v));
         if (!(norm > 1e-6 * c->area[i])) { // also catches a node without a triangle
             const double *x = c->position + 3 * i;
             return pal_fail(error, PALPATE_ERROR_CLOUD,
@@ -307,8 +298,8 @@ static void tet_dihedrals(const double *x, const int32_t t[4], double *low, doub
     }
     for (int a = 0; a < 4; a++) {
         for (int b = a + 1; b < 4; b++) {
-            double s = sqrt(dot(n[a], n[a]) * dot(n[b], n[b]));
-            double angle = acos(fmax(-1.0, fmin(1.0, -dot(n[a], n[b]) / s)));
+            double s = sqrt(v3_dot(n[a], n[a]) * v3_dot(n[b], n[b]));
+            double angle = acos(fmax(-1.0, fmin(1.0, -v3_dot(n[a], n[b]) / s)));
             *low = fmin(*low, angle);
             *high = fmax(*high, angle);
         }
@@ -343,7 +334,7 @@ void pal_cloud_measure(const pal_cloud *cloud, pal_cloud_report *out) {
         for (int k = 0; k < 6; k++) {
             double e[3];
             edge(cloud->position, n[pair[k][0]], n[pair[k][1]], e);
-            double e2 = dot(e, e);
+            double e2 = v3_dot(e, e);
             double local = 0.5 * (cloud->spacing[n[pair[k][0]]] + cloud->spacing[n[pair[k][1]]]);
             out->edge_min = fmin(out->edge_min, sqrt(e2) / local);
             sum += e2;

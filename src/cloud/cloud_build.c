@@ -17,7 +17,7 @@
 #include "src/cloud/skin.h"
 #include "src/geometry/surface.h"
 #include "src/cloud/tet_improve.h"
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 typedef struct node_key {
     uint64_t key;

@@ -8,7 +8,7 @@
 
 #include "haptic/base/error.h"
 #include "src/geometry/surface_mesh.h"
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 /// Closer than this (normalised) to the cut counts as on it: the tolerance of selectors.
 static const double ON = 1e-6;

@@ -6,10 +6,7 @@
 #include <string.h>
 
 #include "haptic/base/error.h"
-
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+#include "haptic/base/vec.h"
 
 double pal_cloud_winding(const pal_cloud *cloud, const double x[3]) {
     double total = 0.0;
@@ -20,14 +17,14 @@ double pal_cloud_winding(const pal_cloud *cloud, const double x[3]) {
             for (int d = 0; d < 3; d++) {
                 v[k][d] = p[d] - x[d];
             }
-            r[k] = sqrt(dot(v[k], v[k]));
+            r[k] = sqrt(v3_dot(v[k], v[k]));
         }
         double cross[3] = {v[1][1] * v[2][2] - v[1][2] * v[2][1],
                            v[1][2] * v[2][0] - v[1][0] * v[2][2],
                            v[1][0] * v[2][1] - v[1][1] * v[2][0]};
-        double y = dot(v[0], cross);
-        double z = r[0] * r[1] * r[2] + dot(v[0], v[1]) * r[2] + dot(v[1], v[2]) * r[0] +
-                   dot(v[2], v[0]) * r[1];
+        double y = v3_dot(v[0], cross);
+        double z = r[0] * r[1] * r[2] + v3_dot(v[0], v[1]) * r[2] + v3_dot(v[1], v[2]) * r[0] +
+                   v3_dot(v[2], v[0]) * r[1];
         total += 2.0 * atan2(y, z);
     }
     return total / (4.0 * 3.14159265358979323846);
@@ -44,8 +41,8 @@ double pal_triangle_nearest(const double a[3], const double b[3], const double c
         bx[d] = x[d] - b[d];
         cx[d] = x[d] - c[d];
     }
-    double d1 = dot(ab, ax), d2 = dot(ac, ax), d3 = dot(ab, bx), d4 = dot(ac, bx);
-    double d5 = dot(ab, cx), d6 = dot(ac, cx);
+    double d1 = v3_dot(ab, ax), d2 = v3_dot(ac, ax), d3 = v3_dot(ab, bx), d4 = v3_dot(ac, bx);
+    double d5 = v3_dot(ab, cx), d6 = v3_dot(ac, cx);
     double va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2;
     double v = 0.0, w = 0.0;
     if (d1 <= 0.0 && d2 <= 0.0) {

@@ -14,7 +14,7 @@
 #include <string.h>
 
 #include "haptic/base/error.h"
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 static const double TOLERANCE = 1e-6; // of selectors (selector.c), body size 1
 static const double AUTO_RIM = 1.0 / 14.0;

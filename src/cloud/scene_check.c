@@ -17,6 +17,7 @@
 
 #include "haptic/base/error.h"
 #include "src/cloud/scene_check.h"
+#include "haptic/base/vec.h"
 
 /// Fixed nodes nearer to a line than this many body sizes count as on it.
 static const double LINE = 1e-4;
@@ -416,10 +417,6 @@ static double triple(const double a[3], const double b[3], const double c[3]) {
            a[2] * (b[0] * c[1] - b[1] * c[0]);
 }
 
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /// Distance to the surface [m]; negative inside.
 static double outside_by(const checking *c, const double x[3], int32_t *nearest) {
     double best = DBL_MAX;
@@ -433,11 +430,11 @@ static double outside_by(const checking *c, const double x[3], int32_t *nearest)
             for (int i = 0; i < 3; i++) {
                 r[k][i] = v[k][i] - x[i];
             }
-            length[k] = sqrt(dot(r[k], r[k]));
+            length[k] = sqrt(v3_dot(r[k], r[k]));
         }
         angle += 2.0 * atan2(triple(r[0], r[1], r[2]),
-                             length[0] * length[1] * length[2] + dot(r[0], r[1]) * length[2] +
-                                 dot(r[1], r[2]) * length[0] + dot(r[2], r[0]) * length[1]);
+                             length[0] * length[1] * length[2] + v3_dot(r[0], r[1]) * length[2] +
+                                 v3_dot(r[1], r[2]) * length[0] + v3_dot(r[2], r[0]) * length[1]);
         double d = triangle_distance(x, v);
         if (d < best) {
             best = d;

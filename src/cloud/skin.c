@@ -16,7 +16,7 @@
 #include "src/geometry/bvh.h"
 #include "src/cloud/locate.h"
 #include "src/geometry/surface.h"
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 void pal_skin_clear(pal_skin_source *skin) {
     free(skin->position);

@@ -15,7 +15,7 @@
 #include <string.h>
 
 #include "haptic/base/error.h"
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 enum { SWEEPS = 6 };
 

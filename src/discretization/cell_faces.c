@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "haptic/base/error.h"
+#include "haptic/base/vec.h"
 
 static const int EDGE[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
@@ -22,12 +23,6 @@ void pal_cell_faces_clear(pal_cell_faces *f) {
     }
 }
 
-static void cross(const double a[3], const double b[3], double out[3]) {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 /// Barycentric gradients and volume of one tetrahedron.
 /// @return condition number of its edge matrix (Frobenius, >= 3), or 0 when it has no volume
 static double tet_hats(const pal_cloud *cloud, int32_t t, double hat[12], double *volume) {
@@ -41,9 +36,9 @@ static double tet_hats(const pal_cloud *cloud, int32_t t, double hat[12], double
         }
     }
     double n[3][3];
-    cross(e[1], e[2], n[0]);
-    cross(e[2], e[0], n[1]);
-    cross(e[0], e[1], n[2]);
+    v3_cross(e[1], e[2], n[0]);
+    v3_cross(e[2], e[0], n[1]);
+    v3_cross(e[0], e[1], n[2]);
     double six = e[0][0] * n[0][0] + e[0][1] * n[0][1] + e[0][2] * n[0][2];
     *volume = six / 6;
     // below this the difference of the coordinates has no correct digit left

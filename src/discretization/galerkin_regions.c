@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "haptic/base/error.h"
+#include "haptic/base/vec.h"
 
 typedef pal_region_part part;
 
@@ -33,12 +34,6 @@ static int index_compare(const void *pa, const void *pb) {
     return (*a > *b) - (*a < *b);
 }
 
-static void cross(const double a[3], const double b[3], double out[3]) {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 /// Gradients of the four linear trial functions, volume, and ||J|| ||J^-1|| / 3 of the edge matrix
 /// (1: three orthogonal equal edges), which is the conditioning of the 4-node linear MLS.
 static void tet_shape_of(const pal_cloud *cloud, int32_t t, tet_shape *out) {
@@ -54,8 +49,8 @@ static void tet_shape_of(const pal_cloud *cloud, int32_t t, tet_shape *out) {
     }
     double det = 0.0;
     for (int k = 0; k < 3; k++) {
-        // cppcheck-suppress uninitvar // cross() writes it
-        cross(e[(k + 1) % 3], e[(k + 2) % 3], out->gradient[k + 1]);
+        // cppcheck-suppress uninitvar // v3_cross() writes it
+        v3_cross(e[(k + 1) % 3], e[(k + 2) % 3], out->gradient[k + 1]);
     }
     for (int c = 0; c < 3; c++) {
         det += e[0][c] * out->gradient[1][c];

@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "haptic/base/error.h"
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 enum { LEAF = 4, DEPTH = 64 };
 

@@ -12,7 +12,7 @@
 
 #include "haptic/base/error.h"
 #include "src/geometry/surface.h"
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 /// Further than this many sizes from the origin, double coordinates on the grid lose their meaning.
 static const double FARTHEST = 65536.0;

@@ -15,7 +15,7 @@
 
 #include "haptic/base/error.h"
 #include "src/geometry/surface_mesh.h"
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 static const double LONG = 4.0 / 3.0, SHORT = 4.0 / 5.0;
 

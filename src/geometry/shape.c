@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 int pal_shape_add(pal_shape *shape, const pal_constraint *constraint) {
     for (int32_t i = 0; i < shape->count; i++) {

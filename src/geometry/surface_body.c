@@ -7,7 +7,7 @@
 
 #include "haptic/base/error.h"
 #include "src/geometry/surface.h"
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 static const double SHARP_COSINE = 0.5; // normals more than 60 degrees apart: an edge to keep
 static const double FARTHEST = 65536.0; // sizes from the origin, as for primitives

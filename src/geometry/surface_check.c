@@ -13,7 +13,7 @@
 
 #include "haptic/base/error.h"
 #include "src/geometry/triangle_cross.h"
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 enum { SHOWN = 5 };
 

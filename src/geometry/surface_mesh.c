@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "haptic/base/error.h"
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 /// A sharp edge of the input that turns by more than 75 degrees in a vertex has a corner there.
 static const double CORNER_COSINE = 0.26;

@@ -14,7 +14,7 @@
 
 #include "haptic/base/error.h"
 #include "src/geometry/surface.h"
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 static const double VOLUME_TOLERANCE = 0.01, DISTANCE_TOLERANCE = 0.25;
 static const double BLUNT_COSINE = 0.87; // 30 degrees: the second try's edges

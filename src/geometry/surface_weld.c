@@ -11,7 +11,7 @@
 
 #include "haptic/base/error.h"
 #include "src/geometry/surface.h"
-#include "src/base/vec.h"
+#include "haptic/base/vec.h"
 
 static const double WELD = 1e-6;
 static const double CELL =

@@ -209,7 +209,7 @@ static void assert_settled(const rig *r, double tolerance) {
     }
     for (int32_t k = 0; k < law->set.count; k++) {
         const tool_state *tool = &law->tool[law->node[law->member[k]].owner];
-        assert_true(dot(law->set.f + 3 * k, tool->dir) >= 0.0);
+        assert_true(v3_dot(law->set.f + 3 * k, tool->dir) >= 0.0);
     }
 }
 

@@ -20,7 +20,7 @@
 static const double PI = 3.14159265358979324;
 
 static double norm(const double v[3]) {
-    return sqrt(dot(v, v));
+    return sqrt(v3_dot(v, v));
 }
 
 static anywhere_law *law_of(const rig *r) {
@@ -195,8 +195,9 @@ static double compliance(const rig *r, const anywhere_point *i, const double e[3
     double normal = (1 - nu * nu) / (PI * m->info.young);
     double tangent = (1 + nu) * (1 - nu / 2) / (PI * m->info.young);
     double d[3] = {i->x[0] - j->x[0], i->x[1] - j->x[1], i->x[2] - j->x[2]};
-    double k = (tangent * dot(e, f) + (normal - tangent) * dot(e, i->normal) * dot(f, j->normal)) /
-               sqrt(dot(d, d) + pow(i->width + j->width, 2));
+    double k = (tangent * v3_dot(e, f) +
+                (normal - tangent) * v3_dot(e, i->normal) * v3_dot(f, j->normal)) /
+               sqrt(v3_dot(d, d) + pow(i->width + j->width, 2));
     // a little less between tools and between stations, against coincident points
     // (contact_system.c)
     k *= i->tool != j->tool ? 0.99 : i->station != j->station ? 0.999 : 1.0;
@@ -229,7 +230,7 @@ static void system_is_that_of_the_model(double skew, double coupling) {
                 const anywhere_point *q = &law->point[j];
                 double expect = compliance(&r, p, p->along[0], q, q->along[0]);
                 if (p->tool == 0 && q->tool == 0 && coupling > 0) {
-                    expect += dot(p->felt[0], q->felt[0]) / coupling;
+                    expect += v3_dot(p->felt[0], q->felt[0]) / coupling;
                 }
                 // rounding of a sum of 400 terms of both signs
                 assert_true(fabs(law->m[i + j * n] - expect) < 1e-12 * law->m[i + i * n]);
@@ -545,7 +546,7 @@ static void a_sphere_feels_no_torque_a_tilted_capsule_does(void **state) {
         assert_true(out[1].contact_count >= 3 && out[1].force[2] > 0);
         double axis[3] = {sin(0.5 * PI + tilt[k]), 0, cos(0.5 * PI + tilt[k])};
         // no friction: nothing turns it about itself
-        assert_true(fabs(dot(out[1].torque, axis)) < 1e-15);
+        assert_true(fabs(v3_dot(out[1].torque, axis)) < 1e-15);
         torque[k] = out[1].torque[1] / out[1].force[2];
     }
     // level: none but what the sphere beside it skews, over the length; tilted: the body lifts the

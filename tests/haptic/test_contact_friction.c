@@ -49,7 +49,8 @@ static void slides_at_mu_times_the_normal_force(void **state) {
             for (int i = 1; i <= 400; i++) {
                 double s = 1e-5 * i;
                 pal_tool_force f = rig_tick(&r, s * d[0], s * d[1], RADIUS - 0.001);
-                double n = dot(f.force, f.normal), t = 0; // the cone stands about the tool's normal
+                double n = v3_dot(f.force, f.normal),
+                       t = 0; // the cone stands about the tool's normal
                 for (int c3 = 0; c3 < 3; c3++) {
                     t += pow(f.force[c3] - n * f.normal[c3], 2);
                 }
@@ -179,7 +180,7 @@ static void passes_from_stick_to_slip_smoothly(void **state) {
             pal_tool_force f = rig_tick(&r, x, 0.3 * x, RADIUS - 0.001);
             double d[3] = {f.force[0] - last.force[0], f.force[1] - last.force[1],
                            f.force[2] - last.force[2]};
-            worst = fmax(worst, sqrt(dot(d, d)) / (stiffness * step * sqrt(1.09)));
+            worst = fmax(worst, sqrt(v3_dot(d, d)) / (stiffness * step * sqrt(1.09)));
             last = f;
         }
         print_message("  step %.0e m, coupling %.0f: |dF| <= %.2f of stiffness x motion\n", step,
@@ -338,7 +339,7 @@ static void tools_with_and_without_friction(void **state) {
                                 rig_state(0.0045, -0.7 * x, RADIUS - down)};
         (void)pal_engine_tick(r.engine, in, f);
         side = fmax(side, hypot(f[1].force[0], f[1].force[1]) / fmax(f[1].force[2], 1e-9));
-        turn = fmax(turn, sqrt(dot(f[1].torque, f[1].torque)));
+        turn = fmax(turn, sqrt(v3_dot(f[1].torque, f[1].torque)));
     }
     double ratio = hypot(f[0].force[0], f[0].force[1]) / f[0].force[2];
     print_message("  rough %.5f of the normal force, smooth %.1e at most\n", ratio, side);

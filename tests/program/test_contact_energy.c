@@ -125,7 +125,7 @@ static void place(hand *h, const double x[3], const double spun[3], int fresh) {
         h->work -= 0.5 * (out.torque[i] + h->torque[i]) * spun[i];
     }
     h->stored = fmax(h->stored, h->work);
-    h->most_torque = fmax(h->most_torque, sqrt(dot(out.torque, out.torque)));
+    h->most_torque = fmax(h->most_torque, sqrt(v3_dot(out.torque, out.torque)));
     memcpy(h->at, x, sizeof h->at);
     memcpy(h->force, out.force, sizeof h->force);
     memcpy(h->torque, out.torque, sizeof h->torque);
@@ -133,7 +133,7 @@ static void place(hand *h, const double x[3], const double spun[3], int fresh) {
 
 /// To `to` on a line, turning by `spin` [rad].
 static void go(hand *h, const double to[3], const double spin[3], int ticks) {
-    double from[3] = {h->at[0], h->at[1], h->at[2]}, a = sqrt(dot(spin, spin)) / ticks;
+    double from[3] = {h->at[0], h->at[1], h->at[2]}, a = sqrt(v3_dot(spin, spin)) / ticks;
     double step[3] = {spin[0] / ticks, spin[1] / ticks, spin[2] / ticks};
     for (int k = 1; k <= ticks; k++) {
         double x[3], u = (double)k / ticks, q[4] = {cos(0.5 * a)};
@@ -172,8 +172,8 @@ static void two_places(const pal_model *m, double spacing, uint64_t *random, con
             n[k] = m->normal + 3 * (size_t)node;
         }
         double d[3] = {x[0][0] - x[1][0], x[0][1] - x[1][1], x[0][2] - x[1][2]};
-        double far = sqrt(dot(d, d)) / spacing;
-        if (far > 2 && far < 8 && dot(n[0], n[1]) > 0.85) {
+        double far = sqrt(v3_dot(d, d)) / spacing;
+        if (far > 2 && far < 8 && v3_dot(n[0], n[1]) > 0.85) {
             return;
         }
     }
@@ -215,9 +215,9 @@ static void closed_paths_return_what_they_took(void **state) {
                 along(x[p], radius - depth, n[p], in[p]);
             }
             if (what == SHAFT) { // lies across the normal; tilts by 0.15, turns by 0.5 on its way
-                along(x[1], -dot(n[0], x[1]) + dot(n[0], x[0]), n[0], t);
+                along(x[1], -v3_dot(n[0], x[1]) + v3_dot(n[0], x[0]), n[0], t);
                 along(t, -1, x[0], t);
-                double l = sqrt(dot(t, t));
+                double l = sqrt(v3_dot(t, t));
                 for (int i = 0; i < 3; i++) {
                     t[i] /= l;
                 }
@@ -231,9 +231,9 @@ static void closed_paths_return_what_they_took(void **state) {
             along(STILL, -1, spin, back);
             place(&h, out[0], STILL, 1);
             go(&h, in[0], STILL, 150);
-            double first = sqrt(dot(h.force, h.force));
+            double first = sqrt(v3_dot(h.force, h.force));
             go(&h, in[1], spin, 300);
-            double second = sqrt(dot(h.force, h.force));
+            double second = sqrt(v3_dot(h.force, h.force));
             go(&h, out[1], STILL, 150);
             if (first > 0 && second > 0) {
                 double part = h.work / h.stored;
@@ -283,7 +283,7 @@ static void force_is_the_slope_of_an_energy(void **state) {
             memset(e[0], 0, sizeof e[0]);
             e[0][c] = 1;
             along(e[0], -n[0][c], n[0], e[0]);
-            double l = sqrt(dot(e[0], e[0]));
+            double l = sqrt(v3_dot(e[0], e[0]));
             for (int i = 0; i < 3; i++) {
                 e[0][i] /= l;
             }
@@ -296,7 +296,7 @@ static void force_is_the_slope_of_an_energy(void **state) {
                 pal_engine_reset(h.engine);
                 place(&h, out, STILL, 1);
                 go(&h, in, STILL, 100);
-                double before = energy(&h), force = sqrt(dot(h.force, h.force));
+                double before = energy(&h), force = sqrt(v3_dot(h.force, h.force));
                 if (!(force > 0)) {
                     continue;
                 }
@@ -347,7 +347,7 @@ static void a_tool_that_began_inside_says_so(void **state) {
                 in.position[i] = 0.5 * (m->info.bounds_min[i] + m->info.bounds_max[i]);
             }
             (void)pal_engine_force(h.engine, &in, &out);
-            assert_true(dot(out.force, out.force) == 0);
+            assert_true(v3_dot(out.force, out.force) == 0);
             assert_true(out.fault == PALPATE_FAULT_UNFELT);
         }
         pal_engine_get_counts(h.engine, &counts);

@@ -1,6 +1,6 @@
-/// @file vec.h  Three-vectors for the geometry stage (private).
-#ifndef PALPATE_SRC_VEC_H
-#define PALPATE_SRC_VEC_H
+/// @file vec.h  Three-vectors (private).
+#ifndef PALPATE_HAPTIC_VEC_H
+#define PALPATE_HAPTIC_VEC_H
 
 #include <math.h>
 
